@@ -1,0 +1,1 @@
+"""Cities to order: generated street networks and buildings."""

@@ -1,0 +1,85 @@
+"""The values that captures and meshing produce: depth textures, grid meshes, layers and a cell's impostor (paper section 4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mmi.camera import View
+from mmi.cells import ViewingCell
+
+__all__ = ["DepthTexture", "GridMesh", "Impostor", "Layer"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthTexture:
+    """What one layer looks like from the reference viewpoint, one sample a texel, taken at the texel's centre.
+
+    ``color`` (h, w, 3) uint8 sRGB, dilated beyond the silhouette; ``depth`` (h, w) float32 eye-space metres, ``inf``
+    where nothing was hit; ``object_ids`` (h, w) int32 indices into the city's objects, -1 where nothing was hit.
+    Coverage is where depth is finite, which is where ``object_ids`` is not negative.
+    """
+
+    view: View
+    color: NDArray[np.uint8]
+    depth: NDArray[np.float32]
+    object_ids: NDArray[np.int32]
+
+    def __post_init__(self) -> None:
+        shape = (self.view.window[3], self.view.window[2])
+        if self.color.shape != (*shape, 3) or self.depth.shape != shape or self.object_ids.shape != shape:
+            raise ValueError(
+                f"a depth texture for window {self.view.window} needs arrays of {shape}, "
+                f"found {self.color.shape}, {self.depth.shape}, {self.object_ids.shape}"
+            )
+        if not np.array_equal(np.isfinite(self.depth), self.object_ids >= 0):
+            raise ValueError("a depth texture needs finite depth exactly where an object was hit")
+        for array in (self.color, self.depth, self.object_ids):
+            array.setflags(write=False)
+
+    @property
+    def coverage(self) -> NDArray[np.bool_]:
+        """(h, w) where an object was hit."""
+        return self.object_ids >= 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GridMesh:
+    """Triangles over the capture's image plane, lifted to depth: what an impostor draws.
+
+    ``vertices`` (n, 3) float32 world metres, each on the capture ray of its ``uv`` (n, 2) float32 in [0, 1] (u right,
+    v down, (0, 0) the texture's upper left corner); ``triangles`` (m, 3) int32, counter-clockwise seen from the capture.
+    """
+
+    vertices: NDArray[np.float32]
+    uv: NDArray[np.float32]
+    triangles: NDArray[np.int32]
+
+    def __post_init__(self) -> None:
+        if self.vertices.ndim != 2 or self.vertices.shape[1] != 3 or self.uv.shape != (len(self.vertices), 2):
+            raise ValueError(f"a grid mesh needs (n, 3) and (n, 2), found {self.vertices.shape} and {self.uv.shape}")
+        for array in (self.vertices, self.uv, self.triangles):
+            array.setflags(write=False)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layer:
+    """One layer in one sector: ``index`` is its colour in the event graph, ``objects`` (n,) those of it in the sector."""
+
+    index: int
+    sector: int
+    objects: NDArray[np.int64]
+    texture: DepthTexture
+    mesh: GridMesh
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Impostor:
+    """A cell's multi-mesh impostor: objects that stay geometry (indices into the city's objects), and the layers."""
+
+    cell: ViewingCell
+    near: NDArray[np.int64]
+    far: NDArray[np.int64]
+    layers: tuple[Layer, ...]
