@@ -1,0 +1,214 @@
+"""Depth textures -> grid meshes: a regular grid over the window, lifted to depth (paper section 5.1, DESIGN section 4).
+
+Vertices sit on capture rays, at depths fitted to the texels around them in 1/z, in which planes are linear. Quads without
+coverage go; silhouettes come from the texture's coverage, so the grid reaches just beyond them.
+
+Texture coordinates are stored per vertex, and a graphics card interpolates them perspectively, which over a quad whose
+corners differ in depth is not what the capture saw. Such quads are split until the difference is below a tenth of a texel.
+Splitting keeps 1/z linear along every grid edge, so that a quad split more finely than its neighbour still shares the
+neighbour's edge as a line in space: no cracks.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mmi.impostor import DepthTexture, GridMesh
+
+__all__ = ["grid_mesh"]
+
+_FINEST = 8  # a quad is split into at most this many strips a side
+_UV_ERROR = 0.05  # texels, along each side of a quad: a tenth over the diagonal
+
+
+def grid_mesh(texture: DepthTexture, *, quad: int = 16) -> GridMesh | None:
+    """The mesh of one depth texture; None where nothing is covered.
+
+    ``quad`` is the side of a grid cell in texels; the window's size must be a multiple of it. Raises ValueError if not.
+    """
+    left, top, width, height = texture.view.window
+    if width % quad or height % quad:
+        raise ValueError(f"a window of whole quads of {quad} texels expected, found {width} x {height}")
+    covered = texture.coverage
+    if not covered.any():
+        return None
+    inverse = _fit(texture.depth, quad)
+    keep = _quads_with_coverage(covered, quad)
+    inverse = _spread(inverse)
+    splits = _splits(inverse, quad)
+    lattice, weights, triangles = _triangulate(inverse, keep, splits)
+    uv = lattice / np.array([width, height]) * (quad / _FINEST)
+    u = left + lattice[:, 0] * (quad / _FINEST)
+    v = top + lattice[:, 1] * (quad / _FINEST)
+    vertices = texture.view.unproject(u, v, 1.0 / weights)
+    return GridMesh(vertices.astype(np.float32), uv.astype(np.float32), triangles)
+
+
+@njit(cache=True)
+def _fit(depth: NDArray[np.float32], quad: int) -> NDArray[np.float64]:
+    """1/z at the grid's vertices (rows + 1, columns + 1): a plane fitted to the texels of the four quads around each.
+
+    NaN where none of them is covered. Extrapolation is held within one range of the texels' 1/z beyond their extremes.
+    """
+    rows, columns = depth.shape[0] // quad, depth.shape[1] // quad
+    # Sums over each quad of 1, x, y, xx, xy, yy, w, xw, yw, with x, y from the quad's upper left corner in quads.
+    sums = np.zeros((rows, columns, 9))
+    low = np.full((rows, columns), np.inf)
+    high = np.zeros((rows, columns))
+    for i in range(rows * quad):
+        r = i // quad
+        y = (i - r * quad + 0.5) / quad
+        for j in range(columns * quad):
+            z = np.float64(depth[i, j])
+            if not np.isfinite(z):
+                continue
+            c = j // quad
+            x = (j - c * quad + 0.5) / quad
+            w = 1.0 / z
+            s = sums[r, c]
+            s[0] += 1.0
+            s[1] += x
+            s[2] += y
+            s[3] += x * x
+            s[4] += x * y
+            s[5] += y * y
+            s[6] += w
+            s[7] += x * w
+            s[8] += y * w
+            low[r, c] = min(low[r, c], w)
+            high[r, c] = max(high[r, c], w)
+    inverse = np.full((rows + 1, columns + 1), np.nan)
+    for i in range(rows + 1):
+        for j in range(columns + 1):
+            n = sx = sy = sxx = sxy = syy = sw = sxw = syw = 0.0
+            smallest, largest = np.inf, 0.0
+            for r in range(max(i - 1, 0), min(i + 1, rows)):
+                for c in range(max(j - 1, 0), min(j + 1, columns)):
+                    s = sums[r, c]
+                    if s[0] == 0.0:
+                        continue
+                    dx, dy = c - j, r - i  # the quad's corner, seen from the vertex
+                    n += s[0]
+                    sx += s[1] + dx * s[0]
+                    sy += s[2] + dy * s[0]
+                    sxx += s[3] + 2.0 * dx * s[1] + dx * dx * s[0]
+                    sxy += s[4] + dx * s[2] + dy * s[1] + dx * dy * s[0]
+                    syy += s[5] + 2.0 * dy * s[2] + dy * dy * s[0]
+                    sw += s[6]
+                    sxw += s[7] + dx * s[6]
+                    syw += s[8] + dy * s[6]
+                    smallest = min(smallest, low[r, c])
+                    largest = max(largest, high[r, c])
+            if n == 0.0:
+                continue
+            inverse[i, j] = _plane_at_origin(n, sx, sy, sxx, sxy, syy, sw, sxw, syw)
+            spread = largest - smallest
+            inverse[i, j] = min(max(inverse[i, j], max(smallest - spread, 0.5 * smallest)), largest + spread)
+    return inverse
+
+
+@njit(cache=True)
+def _plane_at_origin(
+    n: float, sx: float, sy: float, sxx: float, sxy: float, syy: float, sw: float, sxw: float, syw: float
+) -> float:
+    """a of the least-squares plane w = a + b x + c y with these moments; the mean where the texels span no plane."""
+    mx, my, mw = sx / n, sy / n, sw / n
+    cxx, cxy, cyy = sxx / n - mx * mx, sxy / n - mx * my, syy / n - my * my
+    cxw, cyw = sxw / n - mx * mw, syw / n - my * mw
+    det = cxx * cyy - cxy * cxy
+    if det > 1e-6:
+        return mw - ((cxw * cyy - cyw * cxy) * mx + (cyw * cxx - cxw * cxy) * my) / det
+    if cxx > 1e-4 and cxx >= cyy:
+        return mw - cxw / cxx * mx
+    if cyy > 1e-4:
+        return mw - cyw / cyy * my
+    return mw
+
+
+def _quads_with_coverage(covered: NDArray[np.bool_], quad: int) -> NDArray[np.bool_]:
+    """(rows, columns): quads that hold a covered texel, or touch one (filtering reaches half a texel beyond)."""
+    grown = covered.copy()
+    grown[1:] |= covered[:-1]
+    grown[:-1] |= covered[1:]
+    across = grown.copy()
+    grown[:, 1:] |= across[:, :-1]
+    grown[:, :-1] |= across[:, 1:]
+    rows, columns = covered.shape[0] // quad, covered.shape[1] // quad
+    return grown.reshape(rows, quad, columns, quad).any(axis=(1, 3))
+
+
+def _spread(inverse: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Vertices without a depth take the mean of their neighbours', as far as there are any, ring by ring."""
+    inverse = inverse.copy()
+    while np.isnan(inverse).any():
+        padded = np.pad(inverse, 1, constant_values=np.nan)
+        rows, columns = inverse.shape
+        around = np.stack([padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3)])
+        known = ~np.isnan(around)
+        count = known.sum(axis=0)
+        mean = np.where(known, around, 0.0).sum(axis=0) / np.maximum(count, 1)
+        inverse = np.where(np.isnan(inverse) & (count > 0), mean, inverse)
+    return inverse
+
+
+def _splits(inverse: NDArray[np.float64], quad: int) -> NDArray[np.int64]:
+    """(rows, columns, 2): into how many strips (1, 2, 4 or 8) each quad is cut along x and along y.
+
+    Halfway along a side of ``quad`` texels between depths z0 and z1, perspective interpolation is off by
+    quad |z0 - z1| / (2 (z0 + z1)) texels; k strips divide that by k squared.
+    """
+
+    def strips(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.int64]:
+        error = 0.5 * quad * np.abs(a - b) / (a + b)
+        needed = np.sqrt(error / _UV_ERROR)
+        return (2 ** np.ceil(np.log2(np.clip(needed, 1.0, _FINEST)))).astype(np.int64)
+
+    across = strips(inverse[:, :-1], inverse[:, 1:])  # (rows + 1, columns)
+    down = strips(inverse[:-1], inverse[1:])  # (rows, columns + 1)
+    return np.stack([np.maximum(across[:-1], across[1:]), np.maximum(down[:, :-1], down[:, 1:])], axis=-1)
+
+
+@njit(cache=True)
+def _triangulate(
+    inverse: NDArray[np.float64], keep: NDArray[np.bool_], splits: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]:
+    """Vertices on a lattice of 1/8 quads (n, 2), their 1/z (n,) and the triangles (m, 3) of the kept quads."""
+    rows, columns = keep.shape
+    index = np.full((rows * _FINEST + 1, columns * _FINEST + 1), -1, dtype=np.int32)
+    vertices = triangles = 0
+    for r in range(rows):
+        for c in range(columns):
+            if keep[r, c]:
+                vertices += (splits[r, c, 0] + 1) * (splits[r, c, 1] + 1)
+                triangles += 2 * splits[r, c, 0] * splits[r, c, 1]
+    lattice = np.empty((vertices, 2))
+    weights = np.empty(vertices)
+    corners = np.empty((triangles, 3), dtype=np.int32)
+    n = m = 0
+    for r in range(rows):
+        for c in range(columns):
+            if not keep[r, c]:
+                continue
+            nx, ny = splits[r, c, 0], splits[r, c, 1]
+            for b in range(ny + 1):
+                for a in range(nx + 1):
+                    i, j = r * _FINEST + b * (_FINEST // ny), c * _FINEST + a * (_FINEST // nx)
+                    if index[i, j] >= 0:
+                        continue
+                    s, t = a / nx, b / ny
+                    upper = inverse[r, c] * (1.0 - s) + inverse[r, c + 1] * s
+                    lower = inverse[r + 1, c] * (1.0 - s) + inverse[r + 1, c + 1] * s
+                    lattice[n, 0], lattice[n, 1] = j, i
+                    weights[n] = upper * (1.0 - t) + lower * t
+                    index[i, j] = n
+                    n += 1
+            for b in range(ny):
+                for a in range(nx):
+                    i0, j0 = r * _FINEST + b * (_FINEST // ny), c * _FINEST + a * (_FINEST // nx)
+                    i1, j1 = i0 + _FINEST // ny, j0 + _FINEST // nx
+                    corners[m, 0], corners[m, 1], corners[m, 2] = index[i0, j0], index[i1, j0], index[i1, j1]
+                    corners[m + 1, 0], corners[m + 1, 1], corners[m + 1, 2] = index[i0, j0], index[i1, j1], index[i0, j1]
+                    m += 2
+    return lattice[:n], weights[:n], corners
