@@ -1,0 +1,76 @@
+"""What a build is told: every number and choice that decides the bytes of a dataset, checked once."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from mmi.camera import Camera
+from mmi.errors import ParameterError
+
+__all__ = ["LAYERINGS", "VISIBILITIES", "WEIGHTS", "BuildParameters"]
+
+VISIBILITIES = ("horizon", "item-buffer")
+WEIGHTS = ("critical-zone", "critical-zone-unsigned")
+LAYERINGS = ("best", "incremental", "largest-first", "smallest-last", "dsatur")
+
+
+@dataclass(frozen=True, slots=True)
+class BuildParameters:
+    """Parameters of a build; the defaults are the paper's experiment (section 6.1): 10 pixels of 512 x 512 at 60 degrees.
+
+    Lengths are metres, angles radians. Raises ParameterError for values without meaning.
+    """
+
+    max_error_px: float = 10.0
+    """Threshold T: the largest change of angle between two objects of a layer, in pixels of ``camera``."""
+    camera: Camera = field(default_factory=lambda: Camera(512, 512, math.radians(60.0)))
+    near_distance: float = 40.0
+    """Objects nearer to the cell than this stay geometry (unless ``near_triangles`` is given)."""
+    near_triangles: int | None = None
+    """A budget: the nearest objects stay geometry as long as they have no more triangles than this together."""
+    steepest: float = 2.0
+    """Objects that reach above this slope (height over distance) from the cell stay geometry."""
+    visibility: str = "horizon"
+    weights: str = "critical-zone"
+    layering: str = "best"
+    landmarks: tuple[tuple[str, float], ...] = ()
+    """(object id, factor): weights of this object's pairs are multiplied by the factor (paper section 4.2)."""
+    sectors: int = 6
+    quad: int = 16
+    """Side of a mesh's grid cell in texels."""
+    supersample: int = 1
+    cell_length: float = 40.0
+    eye: tuple[float, float] = (1.5, 1.9)
+
+    def __post_init__(self) -> None:
+        def expect(holds: bool, name: str, expected: str) -> None:
+            if not holds:
+                raise ParameterError(f"{name}: {expected} expected, found {getattr(self, name)!r}")
+
+        largest = 0.5 * min(self.camera.width, self.camera.height)
+        expect(0.0 < self.max_error_px <= largest, "max_error_px", f"a number of pixels above 0 and up to {largest:g}")
+        expect(0.0 < self.near_distance < math.inf, "near_distance", "a positive length in metres")
+        expect(self.near_triangles is None or self.near_triangles >= 0, "near_triangles", "a number of 0 or more")
+        expect(0.1 <= self.steepest <= 10.0, "steepest", "a slope from 0.1 to 10")
+        expect(self.visibility in VISIBILITIES, "visibility", " or ".join(VISIBILITIES))
+        expect(self.weights in WEIGHTS, "weights", " or ".join(WEIGHTS))
+        expect(self.layering in LAYERINGS, "layering", " or ".join(LAYERINGS))
+        expect(4 <= self.sectors <= 36, "sectors", "4 to 36 sectors")
+        expect(4 <= self.quad <= 128 and self.quad % 4 == 0, "quad", "a multiple of 4 from 4 to 128")
+        expect(self.supersample in (1, 3, 5), "supersample", "1, 3 or 5")
+        expect(5.0 <= self.cell_length <= 500.0, "cell_length", "5 to 500 metres")
+        expect(0.0 < self.eye[0] <= self.eye[1] < 100.0, "eye", "heights above the ground, low and high, in metres")
+        for name, factor in self.landmarks:
+            if not (factor > 0.0 and math.isfinite(factor)):
+                raise ParameterError(f"landmark {name}: a positive factor expected, found {factor!r}")
+
+    @property
+    def max_angle(self) -> float:
+        """The threshold T in radians."""
+        return self.camera.angle_from_pixels(self.max_error_px)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: plain values in the same units."""
+        return asdict(self)

@@ -1,0 +1,138 @@
+"""Where a layer appears from the reference viewpoint: sectors of the panorama, windows in their image planes, texel sizes.
+
+A panorama is cut into equal sectors of azimuth, each a level picture (paper section 5.1: six of 60 degrees). A layer is
+captured only in the window that its objects cover, with texels small enough that from no viewpoint of the cell a texel
+appears larger than a pixel of the display (Schaufler 1998, eq. 1: resolution in proportion to the object's size over its
+distance, here its least distance to the cell).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from mmi.camera import View, level_view
+from mmi.cells import ViewingCell
+from mmi.city import City
+
+__all__ = ["Walls", "layer_views", "texel_focal", "walls_of"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Walls:
+    """Every wall of a city: from ``a`` (n, 2) to ``b`` (n, 2), between heights ``bottom`` and ``top`` (n,), metres.
+
+    Sorted by object: object i owns walls ``first[i]`` to ``first[i + 1]``.
+    """
+
+    a: NDArray[np.float64]
+    b: NDArray[np.float64]
+    bottom: NDArray[np.float64]
+    top: NDArray[np.float64]
+    first: NDArray[np.int64]
+
+    def of(self, objects: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Indices of the walls of ``objects``, and for each wall the place of its owner in ``objects``."""
+        counts = self.first[objects + 1] - self.first[objects]
+        owner = np.repeat(np.arange(len(objects)), counts)
+        within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        return self.first[objects][owner] + within, owner
+
+
+def walls_of(city: City) -> Walls:
+    """The walls of all prisms of all objects, courtyards included."""
+    prisms = [(i, prism) for i, one in enumerate(city.objects) for prism in one.prisms]
+    coordinates, ring = shapely.get_coordinates(
+        shapely.get_rings([prism.footprint for _, prism in prisms]), return_index=True
+    )
+    rings_of_prism = np.array([1 + len(prism.footprint.interiors) for _, prism in prisms], dtype=np.int64)
+    prism_of_ring = np.repeat(np.arange(len(prisms)), rings_of_prism)
+    joined = ring[1:] == ring[:-1]
+    prism_of_wall = prism_of_ring[ring[:-1][joined]]
+    owner = np.array([i for i, _ in prisms], dtype=np.int64)[prism_of_wall]
+    bottom = np.array([prism.bottom for _, prism in prisms])[prism_of_wall]
+    top = np.array([prism.top for _, prism in prisms])[prism_of_wall]
+    first = np.searchsorted(owner, np.arange(len(city.objects) + 1))
+    arrays = (coordinates[:-1][joined], coordinates[1:][joined], bottom, top, first)
+    for array in arrays:
+        array.setflags(write=False)
+    return Walls(*arrays)
+
+
+def texel_focal(
+    cell: ViewingCell, nearest: NDArray[np.float64], from_reference: NDArray[np.float64], focal: float
+) -> float:
+    """Focal length of a capture whose texels appear no larger than a display's pixels from anywhere in the cell.
+
+    ``nearest`` (n,) are the objects' distances to the cell, ``from_reference`` (n,) from its reference viewpoint, metres.
+    A texel at distance d from the reference covers d / focal metres, and is seen from as near as d less the farthest that
+    the cell reaches towards it.
+    """
+    reach = math.hypot(0.5 * cell.length, cell.half_width)
+    seen_from = np.maximum(nearest, from_reference - reach)
+    return focal * float(np.max(from_reference / np.maximum(seen_from, 1e-6)))
+
+
+def layer_views(
+    walls: Walls, objects: NDArray[np.int64], cell: ViewingCell, *, sectors: int, focal: float, quad: int
+) -> list[tuple[int, View, NDArray[np.int64]]]:
+    """(sector, view, objects in it) for every sector that the objects appear in.
+
+    Windows are whole quads of ``quad`` texels and reach one quad beyond the sector's borders, so that the meshes of
+    neighbouring sectors overlap and no gap opens between them.
+    """
+    eye = cell.reference
+    half = math.pi / sectors
+    border = quad * (math.ceil(focal * math.tan(half) / quad) + 1)
+    index, owner = walls.of(objects)
+    a, b = walls.a[index] - eye[:2], walls.b[index] - eye[:2]
+    bottom, top = walls.bottom[index] - eye[2], walls.top[index] - eye[2]
+    views = []
+    for sector in range(sectors):
+        azimuth = 2.0 * half * sector
+        seen, u, v_low, v_high = _project(a, b, bottom, top, azimuth, focal, border / focal)
+        if not seen.any():
+            continue
+        left = max(quad * math.floor(u.min() / quad), -border)
+        right = min(quad * math.ceil(u.max() / quad), border)
+        upper, lower = quad * math.floor(v_low.min() / quad), quad * math.ceil(v_high.max() / quad)
+        window = (left, upper, max(right - left, quad), max(lower - upper, quad))
+        view = level_view(eye, azimuth, focal=focal, window=window)
+        views.append((sector, view, objects[np.unique(owner[seen])]))
+    return views
+
+
+def _project(
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    bottom: NDArray[np.float64],
+    top: NDArray[np.float64],
+    azimuth: float,
+    focal: float,
+    spread: float,
+) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Walls clipped to |x| <= ``spread`` * depth: which remain (n,), and of those u (k, 2), least and largest v (k, 2)."""
+    forward = np.array([math.cos(azimuth), math.sin(azimuth)])
+    right = np.array([math.sin(azimuth), -math.cos(azimuth)])
+    xa, da, xb, db = a @ right, a @ forward, b @ right, b @ forward
+    start, end = np.zeros(len(a)), np.ones(len(a))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for fa, fb in (
+            (spread * da - xa, spread * db - xb),
+            (spread * da + xa, spread * db + xb),
+            (da - 1e-3, db - 1e-3),
+        ):
+            crossing = fa / (fa - fb)
+            start = np.where((fa < 0.0) & (fb >= 0.0), np.maximum(start, crossing), start)
+            end = np.where((fa >= 0.0) & (fb < 0.0), np.minimum(end, crossing), end)
+            end = np.where((fa < 0.0) & (fb < 0.0), -1.0, end)
+    seen = start <= end
+    t = np.stack([start, end], axis=1)[seen]
+    x = xa[seen, None] + t * (xb - xa)[seen, None]
+    depth = da[seen, None] + t * (db - da)[seen, None]
+    v_top, v_bottom = -focal * top[seen, None] / depth, -focal * bottom[seen, None] / depth
+    return seen, focal * x / depth, np.minimum(v_top, v_bottom), np.maximum(v_top, v_bottom)
