@@ -1,16 +1,40 @@
-"""Viewing cells: the street graph cut into short straight stretches, and how they neighbour each other (paper section 4)."""
+"""Viewing cells: the street graph cut into straight stretches, and how they neighbour each other (paper section 4).
+
+Everything that decides where a viewer may be lives here: chords of bent streets, their split into cells, and the half
+widths that keep cells out of buildings. Nothing here knows what can be seen from a cell.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
+import networkx as nx
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
-from mmi.errors import ParameterError
+from mmi.city import City
+from mmi.errors import CityError, ParameterError
 
-__all__ = ["ViewingCell"]
+__all__ = ["CellReport", "ViewingCell", "spread", "viewing_cells"]
+
+CLEARANCE = 0.05
+"""Metres that every cell keeps from every building."""
+CHORD_TOLERANCE = 0.5
+"""Metres that a street may leave the chord which replaces it."""
+MERGE_TOLERANCE = 1.0
+"""The same where it spares a piece shorter than ``SHORT_PIECE``."""
+SHORT_PIECE = 5.0
+"""Metres below which a piece is merged with its neighbour in the street if it can be."""
+NARROWEST = 0.2
+"""Metres of half width that a cell needs: where buildings leave less, the street is cut."""
+REMNANT = 0.5
+"""Metres below which what a cut leaves of a piece is given up."""
+PULLED_BACK = 1.0
+"""Metres by which a cut may move an end that still counts as meeting the neighbours there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,3 +81,326 @@ class ViewingCell:
         along = (q - p) / self.length
         right = self.half_width * np.array([along[1], -along[0]])
         return np.array([p + right, q + right, q - right, p - right])
+
+
+@dataclass(frozen=True, slots=True)
+class CellReport:
+    """What became of the streets; lengths in metres.
+
+    ``street_length`` is that of all centre lines, ``cell_length`` that of all axes (chords, so a little shorter).
+    ``cut_pieces`` straight pieces came closer to buildings than a cell may and lost ``cut_length``, the whole piece or
+    a part of it. ``narrowed_cells`` are less wide than their street. ``degenerate_streets`` have no length at all.
+    """
+
+    streets: int
+    street_length: float
+    cells: int
+    cell_length: float
+    cut_pieces: int
+    cut_length: float
+    narrowed_cells: int
+    degenerate_streets: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Street:
+    """``points`` (n, 2) is the centre line without repeated points, from the joint ``start`` to the joint ``end``."""
+
+    index: int
+    points: NDArray[np.float64]
+    start: int
+    end: int
+    half_width: float
+    name: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Piece:
+    """Part of a street: ``points`` (n, 2) of the centre line; the chord from first to last point stands for them.
+
+    ``start`` and ``end`` are joints: numbers that ends which meet each other have in common.
+    """
+
+    street: _Street
+    points: NDArray[np.float64]
+    start: int
+    end: int
+
+    @property
+    def chord(self) -> NDArray[np.float64]:
+        """(2, 2) first and last point."""
+        return self.points[[0, -1]]
+
+
+def viewing_cells(
+    city: City,
+    *,
+    max_length: float = 40.0,
+    eye: tuple[float, float] = (1.5, 1.9),
+    max_half_width: float | None = None,
+) -> nx.Graph:
+    """Cut the streets of ``city`` into cells, joined where they share a junction or a split point.
+
+    Nodes are cell ids in the order of streets and pieces, with attribute ``cell`` (:class:`ViewingCell`);
+    ``graph.graph["report"]`` is a :class:`CellReport`. Bent streets become chords within ``CHORD_TOLERANCE`` of the
+    centre line (Douglas & Peucker 1973), chords longer than ``max_length`` metres are split evenly. ``eye`` is a band
+    of heights above the ground, metres. The half width is the street's, at most ``max_half_width``, and shrinks until
+    the cell keeps ``CLEARANCE`` from every prism that stands on the ground (from below the eyes to above the ground).
+    Where there is no room for ``NARROWEST`` the chord gives way to the centre line, and that is cut as far as needed.
+
+    Raises ParameterError for options without meaning, CityError for a street without width.
+    """
+    if not (math.isfinite(max_length) and max_length >= 1.0):
+        raise ParameterError(f"a cell length of at least 1 m expected, found {max_length!r}")
+    if not (0.0 <= eye[0] <= eye[1] and math.isfinite(eye[1])):
+        raise ParameterError(f"eye heights (low, high) above the ground expected, found {eye!r}")
+    if max_half_width is not None and not (math.isfinite(max_half_width) and max_half_width >= NARROWEST):
+        raise ParameterError(f"a half width of at least {NARROWEST} m expected, found {max_half_width!r}")
+    band = (city.ground + eye[0], city.ground + eye[1])
+    obstacles = shapely.STRtree(
+        [
+            prism.footprint
+            for one in city.objects
+            for prism in one.prisms
+            if prism.bottom < band[1] and prism.top > city.ground
+        ]
+    )
+    joints = itertools.count(city.streets.number_of_nodes())
+    streets = _streets(city)
+    chords = [piece for street in streets if len(street.points) > 1 for piece in _chords(street, joints)]
+    chords, cut_pieces, cut_length = _clear_chords(chords, obstacles, joints)
+    pieces = [part for chord in chords for part in _split(chord, max_length, joints)]
+
+    axes = np.array([piece.chord for piece in pieces]).reshape(-1, 2, 2)
+    wanted = np.array([piece.street.half_width for piece in pieces])
+    if max_half_width is not None:
+        wanted = np.minimum(wanted, max_half_width)
+    widths = _clear_half_widths(axes, wanted, obstacles)
+
+    graph = nx.Graph()
+    meeting: dict[int, list[str]] = {}
+    for (piece, number), width in zip(_numbered(pieces), widths, strict=True):
+        name = f"{piece.street.index:04d}-{number:02d}"
+        (px, py), (qx, qy) = piece.chord.tolist()
+        graph.add_node(name, cell=ViewingCell(name, (px, py), (qx, qy), float(width), band, piece.street.name))
+        for joint in dict.fromkeys((piece.start, piece.end)):
+            meeting.setdefault(joint, []).append(name)
+    for names in meeting.values():
+        graph.add_edges_from(itertools.combinations(names, 2))
+    graph.graph["report"] = CellReport(
+        streets=len(streets),
+        street_length=float(sum(_length(street.points) for street in streets)),
+        cells=len(pieces),
+        cell_length=float(np.hypot(*(axes[:, 1] - axes[:, 0]).T).sum()),
+        cut_pieces=cut_pieces,
+        cut_length=cut_length,
+        narrowed_cells=int(np.count_nonzero(widths < wanted)),
+        degenerate_streets=sum(len(street.points) < 2 for street in streets),
+    )
+    return graph
+
+
+def spread(graph: nx.Graph, n: int) -> list[str]:
+    """``n`` cells of ``graph`` spread over the city, or all if there are fewer: ids in the order of choice.
+
+    Farthest-point sampling (Gonzalez 1985) of the axes' middles from the one nearest to their mean, ties to the earlier
+    cell; the first k of ``spread(graph, n)`` are ``spread(graph, k)``. Raises ParameterError unless n is positive.
+    """
+    if n < 1:
+        raise ParameterError(f"at least one cell expected, found {n}")
+    names = list(graph)
+    if not names:
+        return []
+    middles = np.array([graph.nodes[name]["cell"].reference[:2] for name in names])
+    chosen = [int(np.argmin(np.hypot(*(middles - middles.mean(axis=0)).T)))]
+    distance = np.full(len(names), np.inf)
+    for _ in range(min(n, len(names)) - 1):
+        distance = np.minimum(distance, np.hypot(*(middles - middles[chosen[-1]]).T))
+        distance[chosen[-1]] = -1.0
+        chosen.append(int(np.argmax(distance)))
+    return [names[i] for i in chosen]
+
+
+def _streets(city: City) -> list[_Street]:
+    """The city's streets by index, each from the joint of one node to that of the other."""
+    joint = {node: i for i, node in enumerate(city.streets.nodes)}
+    streets = []
+    for a, b, edge in city.streets.edges(data=True):
+        width = edge.get("half_width", math.nan)
+        if not (math.isfinite(width) and width > 0.0):
+            raise CityError(f"{city.source}: street {edge['index']} needs a positive half_width, found {width!r}")
+        points = shapely.get_coordinates(edge["geometry"])
+        points = points[np.append(True, (np.diff(points, axis=0) != 0.0).any(axis=1))]
+        ends = [np.array([city.streets.nodes[node]["x"], city.streets.nodes[node]["y"]]) for node in (a, b)]
+        forward = np.hypot(*(points[0] - ends[0])) + np.hypot(*(points[-1] - ends[1]))
+        backward = np.hypot(*(points[0] - ends[1])) + np.hypot(*(points[-1] - ends[0]))
+        start, end = (a, b) if forward <= backward else (b, a)
+        streets.append(_Street(edge["index"], points, joint[start], joint[end], width, edge.get("name", "")))
+    return sorted(streets, key=lambda street: street.index)
+
+
+def _chords(street: _Street, joints: Iterator[int]) -> list[_Piece]:
+    """The street as chords within tolerance of its centre line, short ones merged where that stays so."""
+    kept = _simplified(street.points, CHORD_TOLERANCE)
+    while True:
+        candidates = []
+        lengths = np.hypot(*np.diff(street.points[kept], axis=0).T)
+        for i in np.flatnonzero(lengths < SHORT_PIECE):
+            for bend in {int(i), int(i) + 1} - {0, len(kept) - 1}:
+                a, b = kept[bend - 1], kept[bend + 1]
+                leave = _distances(street.points[a : b + 1], street.points[a], street.points[b]).max()
+                if leave <= MERGE_TOLERANCE and np.any(street.points[a] != street.points[b]):
+                    candidates.append((leave, bend))
+        if not candidates:
+            break
+        del kept[min(candidates)[1]]
+    return _pieces(
+        street, [street.points[a : b + 1] for a, b in itertools.pairwise(kept)], street.start, street.end, joints
+    )
+
+
+def _pieces(
+    street: _Street, runs: list[NDArray[np.float64]], start: int, end: int, joints: Iterator[int]
+) -> list[_Piece]:
+    """Pieces one after the other from joint ``start`` to joint ``end``, with new joints between them."""
+    between = [start, *itertools.islice(joints, len(runs) - 1), end]
+    return [_Piece(street, run, *ends) for run, ends in zip(runs, itertools.pairwise(between), strict=True)]
+
+
+def _simplified(points: NDArray[np.float64], tolerance: float) -> list[int]:
+    """Indices of those ``points`` (n, 2) whose polyline no other point leaves by more than ``tolerance`` metres."""
+    kept = {0, len(points) - 1}
+    stack = [(0, len(points) - 1)]
+    while stack:
+        a, b = stack.pop()
+        if b - a < 2:
+            continue
+        leave = _distances(points[a + 1 : b], points[a], points[b])
+        worst = int(np.argmax(leave))
+        # A loop's two ends are one point: a chord needs a length, however small the loop.
+        if leave[worst] > tolerance or not np.any(points[a] != points[b]):
+            middle = a + 1 + worst
+            kept.add(middle)
+            stack += [(a, middle), (middle, b)]
+    return sorted(kept)
+
+
+def _distances(points: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) distances of ``points`` (n, 2) from the segment ``a`` to ``b``, metres."""
+    along = b - a
+    square = float(along @ along)
+    t = np.clip((points - a) @ along / square, 0.0, 1.0) if square > 0.0 else np.zeros(len(points))
+    return np.hypot(*(points - a - t[:, None] * along).T)
+
+
+def _length(points: NDArray[np.float64]) -> float:
+    """Metres along ``points`` (n, 2)."""
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+def _blocked(pieces: list[_Piece], obstacles: shapely.STRtree) -> dict[int, list[int]]:
+    """Pieces whose chord has no room for a cell -> the obstacles that leave none."""
+    chords = shapely.linestrings(np.array([piece.chord for piece in pieces]).reshape(-1, 2, 2))
+    blocked: dict[int, list[int]] = {}
+    pairs = obstacles.query(chords, predicate="dwithin", distance=CLEARANCE + NARROWEST)
+    for piece, obstacle in sorted(zip(*pairs.tolist(), strict=True)):
+        blocked.setdefault(piece, []).append(obstacle)
+    return blocked
+
+
+def _clear_chords(
+    chords: list[_Piece], obstacles: shapely.STRtree, joints: Iterator[int]
+) -> tuple[list[_Piece], int, float]:
+    """Chords with room for a cell everywhere, how many were cut for that, and the metres that they lost.
+
+    A chord without room first gives way to the centre line: the chord may have cut a building's corner.
+    """
+    blocked = _blocked(chords, obstacles)
+    straight: list[_Piece] = []
+    for i, piece in enumerate(chords):
+        if i in blocked and len(piece.points) > 2:
+            runs = [piece.points[k : k + 2] for k in range(len(piece.points) - 1)]
+            straight += _pieces(piece.street, runs, piece.start, piece.end, joints)
+        else:
+            straight.append(piece)
+    blocked = _blocked(straight, obstacles)
+    clear: list[_Piece] = []
+    lost = 0.0
+    for i, piece in enumerate(straight):
+        parts = _cut(piece, obstacles.geometries[blocked[i]], joints) if i in blocked else [piece]
+        if i in blocked:
+            lost += _length(piece.chord) - sum(_length(part.chord) for part in parts)
+        clear += parts
+    return clear, len(blocked), lost
+
+
+def _cut(piece: _Piece, obstacles: NDArray[np.object_], joints: Iterator[int]) -> list[_Piece]:
+    """What ``obstacles`` leave of a straight piece. Ends that were pulled back a little keep their joint."""
+    a, b = piece.chord
+    # A hair more room than _blocked asks for, since the buffer's arcs are polygons inside of them.
+    taken = shapely.union_all(shapely.buffer(obstacles, (CLEARANCE + NARROWEST) * 1.01))
+    left = shapely.get_parts(shapely.difference(shapely.LineString([a, b]), taken))
+    length = _length(piece.chord)
+    along = (b - a) / length
+    spans = sorted(sorted(((shapely.get_coordinates(part) - a) @ along).tolist()) for part in left if not part.is_empty)
+    parts: list[_Piece] = []
+    previous, joint, reach = 0.0, piece.start, PULLED_BACK
+    for low, *_, high in spans:
+        if high - low < REMNANT:
+            continue
+        start = joint if low - previous <= reach else next(joints)
+        joint = next(joints)
+        parts.append(_Piece(piece.street, np.array([a + low * along, a + high * along]), start, joint))
+        previous, reach = high, 2.0 * PULLED_BACK
+    if parts and length - previous <= PULLED_BACK:
+        last = parts.pop()
+        parts.append(_Piece(last.street, last.points, last.start, piece.end))
+    return parts
+
+
+def _split(piece: _Piece, max_length: float, joints: Iterator[int]) -> list[_Piece]:
+    """A chord in equal parts of at most ``max_length`` metres."""
+    a, b = piece.chord
+    n = max(1, math.ceil(_length(piece.chord) / max_length - 1e-9))
+    stops = a + np.linspace(0.0, 1.0, n + 1)[:, None] * (b - a)
+    stops[-1] = b
+    return _pieces(piece.street, [stops[k : k + 2] for k in range(n)], piece.start, piece.end, joints)
+
+
+def _clear_half_widths(
+    axes: NDArray[np.float64], wanted: NDArray[np.float64], obstacles: shapely.STRtree
+) -> NDArray[np.float64]:
+    """(n,) the largest half widths up to ``wanted`` (n,) that keep CLEARANCE from obstacles around ``axes`` (n, 2, 2).
+
+    What lies beside the axis, lengthened by the clearance, limits the half width; what lies beyond it does not.
+    """
+    widths = wanted.copy()
+    if not len(axes):
+        return widths
+    margin = CLEARANCE + 1e-6
+    along = axes[:, 1] - axes[:, 0]
+    along /= np.hypot(*along.T)[:, None]
+    left = np.stack([-along[:, 1], along[:, 0]], axis=-1)
+    side = (wanted + margin)[:, None] * left
+    p, q = axes[:, 0] - margin * along, axes[:, 1] + margin * along
+    strips = shapely.polygons(np.stack([p - side, q - side, q + side, p + side], axis=1))
+    cells, found = obstacles.query(strips, predicate="intersects")
+    order = np.lexsort((found, cells))
+    cells, found = cells[order], found[order]
+    beside = shapely.intersection(strips[cells], obstacles.geometries[found])
+    corners, pair = shapely.get_coordinates(beside, return_index=True)
+    cell = cells[pair]
+    offset = np.abs(((corners - axes[cell, 0]) * left[cell]).sum(axis=1))
+    np.minimum.at(widths, cell, offset - margin)
+    return widths
+
+
+def _numbered(pieces: list[_Piece]) -> list[tuple[_Piece, int]]:
+    """Each piece with its number within its street."""
+    numbers: dict[int, int] = {}
+    numbered = []
+    for piece in pieces:
+        number = numbers.get(piece.street.index, 0)
+        numbers[piece.street.index] = number + 1
+        numbered.append((piece, number))
+    return numbered
