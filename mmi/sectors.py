@@ -63,18 +63,24 @@ def walls_of(city: City) -> Walls:
     return Walls(*arrays)
 
 
-def texel_focal(
-    cell: ViewingCell, nearest: NDArray[np.float64], from_reference: NDArray[np.float64], focal: float
-) -> float:
+def texel_focal(walls: Walls, objects: NDArray[np.int64], cell: ViewingCell, focal: float) -> float:
     """Focal length of a capture whose texels appear no larger than a display's pixels from anywhere in the cell.
 
-    ``nearest`` (n,) are the objects' distances to the cell, ``from_reference`` (n,) from its reference viewpoint, metres.
-    A texel at distance d from the reference covers d / focal metres, and is seen from as near as d less the farthest that
-    the cell reaches towards it.
+    A texel at distance d from the reference covers d / ``focal`` metres; from the nearest point of the cell, at distance
+    d', a pixel covers d' / ``focal``. So the display's focal length grows by the largest d / d' over the objects' walls
+    (taken at their ends, thirds and at the foot of the perpendicular; the ratio is smooth in between).
     """
-    reach = math.hypot(0.5 * cell.length, cell.half_width)
-    seen_from = np.maximum(nearest, from_reference - reach)
-    return focal * float(np.max(from_reference / np.maximum(seen_from, 1e-6)))
+    index, _ = walls.of(objects)
+    along = np.subtract(cell.q, cell.p) / cell.length
+    axes = np.array([along, [-along[1], along[0]]])
+    a = (walls.a[index] - cell.reference[:2]) @ axes.T
+    step = (walls.b[index] - cell.reference[:2]) @ axes.T - a
+    foot = np.clip(-np.sum(a * step, axis=1) / np.maximum(np.sum(step * step, axis=1), 1e-12), 0.0, 1.0)
+    t = np.stack([np.zeros(len(a)), np.full(len(a), 1 / 3), np.full(len(a), 2 / 3), foot])
+    points = a + t[..., None] * step
+    outside = np.maximum(np.abs(points) - [0.5 * cell.length, cell.half_width], 0.0)
+    from_cell = np.maximum(np.hypot(outside[..., 0], outside[..., 1]), 1.0)
+    return focal * max(1.0, float(np.max(np.hypot(points[..., 0], points[..., 1]) / from_cell)))
 
 
 def layer_views(
