@@ -110,12 +110,10 @@ class View:
     def pixel_centres(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """u (width,) and v (height,) of the window's pixel centres."""
         left, top, width, height = self.window
-        return left + 0.5 + np.arange(width), top + 0.5 + np.arange(height)
+        return np.arange(left, left + width) + np.float64(0.5), np.arange(top, top + height) + np.float64(0.5)
 
 
-def level_view(
-    eye: NDArray[np.float64], azimuth: float, *, focal: float, window: tuple[int, int, int, int]
-) -> View:
+def level_view(eye: NDArray[np.float64], azimuth: float, *, focal: float, window: tuple[int, int, int, int]) -> View:
     """A view from ``eye`` (3,) with a level line of sight towards ``azimuth`` (radians, counter-clockwise from +X)."""
     cos, sin = math.cos(azimuth), math.sin(azimuth)
     rotation = np.array([[sin, -cos, 0.0], [0.0, 0.0, 1.0], [-cos, -sin, 0.0]])

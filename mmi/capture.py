@@ -128,7 +128,7 @@ class Capturer:
         colors[:, 3] = numbers / np.float32(255.0)
         primitive = pyrender.Primitive(
             positions=positions,
-            texcoord_0=part.uv * np.float32([1.0, -1.0]) + np.float32([0.0, 1.0]),
+            texcoord_0=np.stack([part.uv[:, 0], 1.0 - part.uv[:, 1]], axis=1),
             color_0=colors,
             indices=part.triangles,
             material=self._material,
@@ -207,9 +207,12 @@ class _AnisotropicTexture(pyrender.Texture):
 class _SingleSampleRenderer(Renderer):
     """pyrender's renderer with one sample a pixel and a framebuffer that grows instead of being made anew."""
 
+    _main_fb: int | None
+    _main_fb_dims: tuple[int, int] | tuple[None, None]
+
     def _configure_main_framebuffer(self) -> None:
         wanted = (self.viewport_width, self.viewport_height)
-        have = self._main_fb_dims if self._main_fb is not None else (0, 0)
+        have = (self._main_fb_dims[0] or 0, self._main_fb_dims[1] or 0)
         if wanted[0] <= have[0] and wanted[1] <= have[1]:
             return
         self._delete_main_framebuffer()
@@ -233,7 +236,7 @@ class _SingleSampleRenderer(Renderer):
         if self._main_fb is not None:
             GL.glDeleteFramebuffers(1, [self._main_fb])
             GL.glDeleteRenderbuffers(2, [self._main_cb, self._main_db])
-        self._main_fb = self._main_fb_ms = self._main_cb = self._main_db = None
+        self._main_fb = self._main_fb_ms = None
         self._main_fb_dims = (None, None)
 
     def _read_main_framebuffer(self, scene: Any, flags: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:  # noqa: ANN401, ARG002

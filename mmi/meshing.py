@@ -136,7 +136,7 @@ def _quads_with_coverage(covered: NDArray[np.bool_], quad: int) -> NDArray[np.bo
     grown[:, 1:] |= across[:, :-1]
     grown[:, :-1] |= across[:, 1:]
     rows, columns = covered.shape[0] // quad, covered.shape[1] // quad
-    return grown.reshape(rows, quad, columns, quad).any(axis=(1, 3))
+    return np.asarray(grown.reshape(rows, quad, columns, quad).any(axis=(1, 3)))
 
 
 def _spread(inverse: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -209,6 +209,10 @@ def _triangulate(
                     i0, j0 = r * _FINEST + b * (_FINEST // ny), c * _FINEST + a * (_FINEST // nx)
                     i1, j1 = i0 + _FINEST // ny, j0 + _FINEST // nx
                     corners[m, 0], corners[m, 1], corners[m, 2] = index[i0, j0], index[i1, j0], index[i1, j1]
-                    corners[m + 1, 0], corners[m + 1, 1], corners[m + 1, 2] = index[i0, j0], index[i1, j1], index[i0, j1]
+                    corners[m + 1, 0], corners[m + 1, 1], corners[m + 1, 2] = (
+                        index[i0, j0],
+                        index[i1, j1],
+                        index[i0, j1],
+                    )
                     m += 2
     return lattice[:n], weights[:n], corners
