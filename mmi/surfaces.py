@@ -1,0 +1,423 @@
+"""City objects as textured triangles: what captures render, what stays geometry, and the ground and sky around it.
+
+One mesh and one texture for the whole city (``mmi.facades``), ordered by object, so that any set of objects is one gather
+and one draw. Light is baked into vertex colours, which multiply the texture (both are sRGB bytes, multiplied as they
+are): a tint of the building's own, one sun, the open sky, and less of it near the ground.
+
+Geometry is exactly that of the prisms: walls are vertical, roofs flat, positions float32 of the city's local frame. Walls
+between touching buildings are kept (each object is whole by itself) but have no windows.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass, field
+
+import mapbox_earcut
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+from shapely.geometry import Polygon
+from shapely.geometry.base import BaseGeometry
+
+from mmi import facades
+from mmi.city import City, CityObject
+
+__all__ = ["SKY_HORIZON", "SKY_ZENITH", "CityMesh", "build_city_mesh", "ground_mesh", "mesh_of", "sky_color"]
+
+SKY_HORIZON = (214, 224, 232)
+"""sRGB of the sky at and below the horizon."""
+SKY_ZENITH = (104, 150, 204)
+"""sRGB of the sky overhead."""
+
+_SUN = np.array([-0.45, -0.62, 0.64]) / math.sqrt(0.45**2 + 0.62**2 + 0.64**2)  # towards it: south-west, afternoon
+_SUNLIGHT = np.array([0.46, 0.43, 0.37])
+_SKYLIGHT = np.array([0.55, 0.58, 0.63])
+_CONTACT = 0.34  # light lost at the foot of a wall, fading with height
+_CONTACT_HEIGHT = 5.0
+_FLOATING = 1.0  # metres above ground from which a prism is a bridge or a bay: no doors, but an underside
+_BLIND = 1.5  # metres below which a wall has no room for a window
+_ROOF_STRIP_METRES = 8.0
+
+_TINTS = tuple(
+    np.array(tints)
+    for tints in (
+        ((1.0, 0.99, 0.97), (1.0, 0.95, 0.84), (0.97, 0.90, 0.80), (0.93, 0.93, 0.92), (1.0, 0.92, 0.86), (0.90, 0.93, 0.95)),
+        ((1.0, 1.0, 1.0), (0.90, 0.86, 0.84), (1.0, 1.0, 0.90), (0.82, 0.80, 0.80), (1.0, 0.93, 0.88), (0.95, 1.0, 1.0)),
+        ((1.0, 1.0, 1.0), (0.92, 0.92, 0.94), (1.0, 0.97, 0.91), (0.86, 0.87, 0.88), (0.97, 0.93, 0.90), (0.94, 0.97, 0.95)),
+        ((1.0, 1.0, 1.0), (0.88, 0.95, 0.98), (0.92, 1.0, 0.97), (0.84, 0.87, 0.92), (1.0, 0.97, 0.92), (0.94, 0.94, 0.94)),
+    )
+)  # per style, six to choose from
+
+# Share of the four styles, cumulated, for houses, wide low buildings, tall ones and towers.
+_STYLE_SHARES = np.array([[0.55, 0.88, 1.0, 1.0], [0.35, 0.60, 0.90, 1.0], [0.10, 0.30, 0.70, 1.0], [0.0, 0.10, 0.40, 1.0]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CityMesh:
+    """Textured triangles in the city's frame, grouped by object.
+
+    ``positions`` (n, 3) float32 metres; ``uv`` (n, 2) float32, u right and v down, (0, 0) the texture's upper left
+    corner, the texture repeats; ``colors`` (n, 3) uint8 multiply the texture; ``triangles`` (m, 3) int32,
+    counter-clockwise from outside. Object i owns vertices ``object_vertices[i]`` to ``object_vertices[i + 1]`` and
+    likewise ``object_triangles``, both (k + 1,) int64; no triangle uses another object's vertices.
+    ``texture`` (h, w, 3) uint8 sRGB.
+    """
+
+    positions: NDArray[np.float32]
+    uv: NDArray[np.float32]
+    colors: NDArray[np.uint8]
+    triangles: NDArray[np.int32]
+    object_vertices: NDArray[np.int64]
+    object_triangles: NDArray[np.int64]
+    texture: NDArray[np.uint8]
+    triangle_counts: NDArray[np.int64] = field(init=False)
+    """(k,) triangles of each object."""
+
+    def __post_init__(self) -> None:
+        n = len(self.positions)
+        if self.positions.shape != (n, 3) or self.uv.shape != (n, 2) or self.colors.shape != (n, 3):
+            raise ValueError(
+                f"a city mesh needs (n, 3), (n, 2) and (n, 3) vertex arrays, "
+                f"found {self.positions.shape}, {self.uv.shape} and {self.colors.shape}"
+            )
+        if self.object_vertices[-1] != n or self.object_triangles[-1] != len(self.triangles):
+            raise ValueError(
+                f"a city mesh's offsets end at its {n} vertices and {len(self.triangles)} triangles, "
+                f"found {self.object_vertices[-1]} and {self.object_triangles[-1]}"
+            )
+        object.__setattr__(self, "triangle_counts", np.diff(self.object_triangles))
+        for name in self.__slots__:
+            getattr(self, name).setflags(write=False)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """Some vertices and triangles, with the object that each belongs to; colours still as factors, uv as float64."""
+
+    positions: NDArray[np.float64]
+    uv: NDArray[np.float64]
+    colors: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+    owners: NDArray[np.int64]  # (n,) of vertices
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Looks:
+    """What an object's id, height and area decide: ``style`` (k,) index, ``tint`` (k, 3) factor, ``bay`` (k,) 0..7."""
+
+    style: NDArray[np.int64]
+    tint: NDArray[np.float64]
+    bay: NDArray[np.int64]
+
+
+def build_city_mesh(city: City) -> CityMesh:
+    """Textured triangles of all objects of ``city``: walls, roofs and, where prisms float, undersides.
+
+    An object with a ``mesh`` of its own is drawn as that, with plain walls, each triangle shaded by itself.
+    """
+    looks = _looks(city.objects)
+    prisms = [(i, prism) for i, one in enumerate(city.objects) if one.mesh is None for prism in one.prisms]
+    owners = np.array([i for i, _ in prisms], dtype=np.int64)
+    polygons = np.array([prism.footprint for _, prism in prisms], dtype=object)
+    heights = np.array([(prism.bottom, prism.top) for _, prism in prisms]).reshape(-1, 2)
+    parts = [_walls(polygons, heights, owners, looks, city.ground)]
+    caps = [_caps(polygon, low, high, city.ground) for polygon, (low, high) in zip(polygons, heights, strict=True)]
+    parts.append(_roofs(caps, owners, looks))
+    parts += [_own_mesh(one, i, looks) for i, one in enumerate(city.objects) if one.mesh is not None]
+    return _assemble(parts, len(city.objects), facades.facade_texture())
+
+
+def mesh_of(city_mesh: CityMesh, objects: ArrayLike) -> CityMesh:
+    """The mesh of some objects, in the order given: object j of the result is ``objects[j]`` (indices) of ``city_mesh``."""
+    chosen = np.asarray(objects, dtype=np.int64).reshape(-1)
+    vertices, vertex_offsets = _ranges(city_mesh.object_vertices, chosen)
+    triangles, triangle_offsets = _ranges(city_mesh.object_triangles, chosen)
+    shift = vertex_offsets[:-1] - city_mesh.object_vertices[chosen]
+    moved = city_mesh.triangles[triangles] + np.repeat(shift, np.diff(triangle_offsets))[:, None]
+    return CityMesh(
+        positions=city_mesh.positions[vertices],
+        uv=city_mesh.uv[vertices],
+        colors=city_mesh.colors[vertices],
+        triangles=moved.astype(np.int32),
+        object_vertices=vertex_offsets,
+        object_triangles=triangle_offsets,
+        texture=city_mesh.texture,
+    )
+
+
+def ground_mesh(city: City, *, margin: float) -> CityMesh:
+    """Flat ground at ``city.ground``, ``margin`` metres beyond the city's bounds, as one object.
+
+    Carriageway, kerb, pavement and the rest are polygons cut out of each other: they share their borders and lie in one
+    plane, so nothing flickers. Streets are drawn at street level even where they are bridges or tunnels.
+    """
+    x0, y0, x1, y1 = city.bounds
+    widths = [float(edge.get("half_width", 3.0)) for _, _, edge in city.streets.edges(data=True)]
+    lines = [edge["geometry"] for _, _, edge in city.streets.edges(data=True)]
+    border = max([margin, *(width + 4.0 for width in widths)])
+    rest: BaseGeometry = shapely.box(x0 - border, y0 - border, x1 + border, y1 + border)
+    surfaces: list[tuple[BaseGeometry, tuple[float, float, float]]] = []
+    inner: BaseGeometry = Polygon()
+    for extra, color in ((0.0, (0.46, 0.46, 0.47)), (0.25, (0.86, 0.85, 0.82)), (2.75, (0.72, 0.70, 0.66))):
+        # The outline is thinned to a finger's breadth before anything is cut, so that all sides see the same border.
+        outer = shapely.union_all(shapely.buffer(lines, np.array(widths) + extra, quad_segs=3)).simplify(0.02)
+        surfaces.append((shapely.difference(shapely.union(outer, inner), inner), color))
+        inner = shapely.union(outer, inner)
+    surfaces.append((shapely.difference(rest, inner), (0.63, 0.64, 0.56)))
+    parts = []
+    for shape, color in surfaces:
+        for polygon in shapely.get_parts(shape):
+            if polygon.geom_type != "Polygon" or polygon.is_empty:
+                continue
+            points, triangles = _triangulate(polygon)
+            n = len(points)
+            parts.append(
+                _Part(
+                    positions=np.column_stack([points, np.full(n, city.ground)]),
+                    uv=(points - (x0, y0)) / 12.8,
+                    colors=np.broadcast_to(np.array(color), (n, 3)),
+                    triangles=triangles,
+                    owners=np.zeros(n, dtype=np.int64),
+                )
+            )
+    return _assemble(parts, 1, facades.ground_texture())
+
+
+def sky_color(directions: ArrayLike) -> NDArray[np.uint8]:
+    """sRGB of the sky towards ``directions`` (..., 3), unit vectors -> (..., 3) uint8; below the horizon, its colour there."""
+    up = np.clip(np.asarray(directions, dtype=np.float64)[..., 2:], 0.0, 1.0) ** 0.6
+    return np.rint(np.array(SKY_HORIZON) * (1.0 - up) + np.array(SKY_ZENITH) * up).astype(np.uint8)
+
+
+# ------------------------------------------------------------------------------------------------------- looks
+
+
+def _looks(objects: tuple[CityObject, ...]) -> _Looks:
+    """Styles, tints and first bays, from digests of the ids: what other objects there are changes nothing."""
+    digests = b"".join(hashlib.blake2b(one.id.encode(), digest_size=8).digest() for one in objects)
+    dice = np.frombuffer(digests, dtype=np.uint8).reshape(-1, 8).astype(np.int64)
+    height = np.array([one.height for one in objects])
+    area = shapely.area([one.footprint for one in objects])
+    size = np.where(height > 60.0, 3, np.where(height > 30.0, 2, np.where(area > 1800.0, 1, 0))).astype(np.int64)
+    style = (dice[:, :1] / 256.0 >= _STYLE_SHARES[size]).sum(axis=1)
+    tint = np.stack(_TINTS)[style, dice[:, 1] % 6] * (0.93 + 0.07 * dice[:, 2:3] / 255.0)
+    return _Looks(style, tint, dice[:, 3] % facades.BAYS)
+
+
+def _light(normals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3) unit normals -> (n, 3) factors: the sun's cosine, and as much of the sky as the surface faces."""
+    sky = 0.80 + 0.20 * normals[:, 2:]
+    return np.minimum(_SUNLIGHT * np.maximum(normals @ _SUN, 0.0)[:, None] + _SKYLIGHT * sky * 1.02, 1.0)
+
+
+def _contact(above_ground: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Factor by height above ground in metres: streets are darker than roofs."""
+    return 1.0 - _CONTACT * np.exp(-np.maximum(above_ground, 0.0) / _CONTACT_HEIGHT)
+
+
+# ------------------------------------------------------------------------------------------------ walls and caps
+
+
+def _walls(
+    polygons: NDArray[np.object_],
+    heights: NDArray[np.float64],
+    owners: NDArray[np.int64],
+    looks: _Looks,
+    ground: float,
+) -> _Part:
+    """Upright quads along every edge of every footprint; where a prism has more storeys than the atlas, several."""
+    rings, prism_of_ring = shapely.get_rings(polygons, return_index=True)
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    last = np.flatnonzero(np.append(ring[1:] != ring[:-1], True)) if len(ring) else np.empty(0, dtype=np.int64)
+    keep = np.ones(len(points), dtype=bool)
+    keep[last] = False  # no edge leads from one ring to the next
+    start = np.flatnonzero(keep)
+    length = np.hypot(*(points[start + 1] - points[start]).T)
+    start, length = start[length > 0.0], length[length > 0.0]
+    a, b, prism = points[start], points[start + 1], prism_of_ring[ring[start]]
+
+    bottom, top = heights[prism].T
+    floating = bottom > ground + _FLOATING
+    storeys = np.maximum(1, np.rint((top - bottom) / facades.STOREY)).astype(np.int64)
+    first_row = floating.astype(np.int64)  # above a door, only upper storeys
+    room = facades.ROWS - 1
+    pieces = np.maximum(1, -(-(storeys - (1 - first_row)) // room))
+
+    wall = np.repeat(np.arange(len(a)), pieces)
+    piece = np.arange(len(wall)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    ground_floor = (1 - first_row)[wall]
+    from_storey = np.where(piece > 0, piece * room + ground_floor, 0)
+    to_storey = np.minimum((piece + 1) * room + ground_floor, storeys[wall])
+    low_row = np.where(piece > 0, 1, first_row[wall])
+    high_row = low_row + to_storey - from_storey
+    rise = ((top - bottom) / storeys)[wall]
+    # The ends are the prism's heights themselves, and both pieces at a seam compute the same height.
+    low = np.where(from_storey == 0, bottom[wall], bottom[wall] + from_storey * rise)
+    high = np.where(to_storey == storeys[wall], top[wall], bottom[wall] + to_storey * rise)
+
+    owner = owners[prism]
+    style = looks.style[owner][wall]
+    blind = ((length < _BLIND) | _party_walls(a, b))[wall]
+    strip_top, strip_bottom = facades.plain_strip(style)
+    v_low = np.where(blind, strip_bottom, facades.storey_v(style, low_row))
+    v_high = np.where(blind, strip_top, facades.storey_v(style, high_row))
+    whole_bays = np.maximum(1, np.rint(length / facades.BAY))
+    bays = np.where(blind, (length / facades.BAY)[wall], whole_bays[wall])
+    turn = np.arange(len(prism)) - np.searchsorted(prism, prism)  # which edge of its prism
+    u_a = (((looks.bay[owner] + 3 * turn) % facades.BAYS) / facades.BAYS)[wall]
+    u_b = u_a + bays / facades.BAYS
+
+    normal = np.column_stack([b[:, 1] - a[:, 1], a[:, 0] - b[:, 0], np.zeros(len(a))]) / length[:, None]
+    base = (looks.tint[owner] * _light(normal))[wall]
+    corners = [
+        (a[wall], low, u_a, v_low),
+        (b[wall], low, u_b, v_low),
+        (b[wall], high, u_b, v_high),
+        (a[wall], high, u_a, v_high),
+    ]
+    quads = np.arange(len(wall))[:, None, None]
+    return _Part(
+        positions=_interleave([np.column_stack([xy, z]) for xy, z, _, _ in corners]),
+        uv=_interleave([np.column_stack([u, v]) for _, _, u, v in corners]),
+        colors=_interleave([base * _contact(z - ground)[:, None] for _, z, _, _ in corners]),
+        triangles=(4 * quads + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3),
+        owners=np.repeat(owner[wall], 4),
+    )
+
+
+def _party_walls(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which edges a -> b, (n, 2) each, another footprint has as b -> a (to the centimetre): two buildings touch there."""
+    _, names = np.unique(np.rint(100.0 * np.concatenate([a, b])).astype(np.int64), axis=0, return_inverse=True)
+    from_name, to_name = names.reshape(2, -1).astype(np.int64)
+    count = len(names) + 1
+    return np.isin(from_name * count + to_name, to_name * count + from_name)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Cap:
+    """A footprint's triangles at height ``z``, seen from above, or from below where ``underside``."""
+
+    points: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+    top: float
+    underside: float | None
+
+
+def _caps(polygon: Polygon, bottom: float, top: float, ground: float) -> _Cap:
+    points, triangles = _triangulate(polygon)
+    return _Cap(points, triangles, top, bottom if bottom > ground + _FLOATING else None)
+
+
+def _roofs(caps: list[_Cap], owners: NDArray[np.int64], looks: _Looks) -> _Part:
+    """Roofs of all prisms, and undersides of those that float."""
+    positions, uv, colors, triangles, vertex_owners = [], [], [], [], []
+    up, down = _light(np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]))
+    v_tops, v_bottoms = facades.roof_strip(looks.style)
+    used = 0
+    for cap, owner in zip(caps, owners, strict=True):
+        n = len(cap.points)
+        flat_uv = _strip_uv(cap.points, float(v_tops[owner]), float(v_bottoms[owner]))
+        # Roofs take half of the tint: slate is not the colour of the wall below.
+        tint = 0.5 + 0.5 * looks.tint[owner]
+        for z, light, turned in ((cap.top, up, False), (cap.underside, 0.6 * down, True)):
+            if z is None:
+                continue
+            positions.append(np.column_stack([cap.points, np.full(n, z)]))
+            uv.append(flat_uv)
+            colors.append(np.broadcast_to(tint * light, (n, 3)))
+            triangles.append((cap.triangles[:, ::-1] if turned else cap.triangles) + used)
+            vertex_owners.append(np.full(n, owner))
+            used += n
+    if not positions:
+        return _Part(np.empty((0, 3)), np.empty((0, 2)), np.empty((0, 3)), np.empty((0, 3), np.int64), owners[:0])
+    return _Part(*(np.concatenate(values) for values in (positions, uv, colors, triangles, vertex_owners)))
+
+
+def _own_mesh(one: CityObject, index: int, looks: _Looks) -> _Part:
+    """A mesh that came with the object: three vertices a triangle, steep ones as plain wall, flat ones as roof."""
+    assert one.mesh is not None
+    corners = one.mesh.vertices[one.mesh.triangles]  # (m, 3 corners, 3)
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(cross, axis=1)
+    corners, normal = corners[size > 0.0], cross[size > 0.0] / size[size > 0.0, None]
+    style = looks.style[index]
+    along = np.stack([-normal[:, 1], normal[:, 0]], axis=1)  # to the right, seen from outside
+    along /= np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
+    low, high = corners[:, :, 2].min(initial=np.inf), corners[:, :, 2].max(initial=-np.inf)
+    wall_top, wall_bottom = (float(v) for v in facades.plain_strip(style))
+    roof_top, roof_bottom = (float(v) for v in facades.roof_strip(style))
+    wall_u = np.einsum("mcx,mx->mc", corners[:, :, :2], along) / (facades.BAYS * facades.BAY)
+    wall_v = wall_bottom + (corners[:, :, 2] - low) / max(high - low, 1e-9) * (wall_top - wall_bottom)
+    roof_uv = _strip_uv(corners[:, :, :2].reshape(-1, 2), roof_top, roof_bottom).reshape(-1, 3, 2)
+    steep = (np.abs(normal[:, 2]) < 0.5)[:, None, None]
+    return _Part(
+        positions=corners.reshape(-1, 3),
+        uv=np.where(steep, np.stack([wall_u, wall_v], axis=-1), roof_uv).reshape(-1, 2),
+        colors=np.repeat(looks.tint[index] * _light(normal), 3, axis=0),
+        triangles=np.arange(3 * len(corners)).reshape(-1, 3),
+        owners=np.full(3 * len(corners), index),
+    )
+
+
+# ----------------------------------------------------------------------------------------------------- mechanics
+
+
+def _triangulate(polygon: Polygon) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Points (n, 2) of a polygon's rings and triangles (m, 3) that fill it, counter-clockwise."""
+    rings = [shapely.get_coordinates(ring)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
+    points = np.concatenate(rings)
+    ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
+    origin = points[0]  # near zero, where float64 is finest
+    triangles = mapbox_earcut.triangulate_float64(points - origin, ends).reshape(-1, 3).astype(np.int64)
+    p, q, r = (points[triangles[:, i]] - origin for i in range(3))
+    turned = (q[:, 0] - p[:, 0]) * (r[:, 1] - p[:, 1]) < (q[:, 1] - p[:, 1]) * (r[:, 0] - p[:, 0])
+    triangles[turned] = triangles[turned][:, ::-1]
+    return points, triangles
+
+
+def _strip_uv(points: NDArray[np.float64], v_top: float, v_bottom: float) -> NDArray[np.float64]:
+    """(n, 2) points of a roof -> uv that fit them into a strip of the atlas, coarser where the roof is larger."""
+    if not len(points):
+        return np.empty((0, 2))
+    offset = points - points.min(axis=0)
+    metres = max(_ROOF_STRIP_METRES, float(offset[:, 1].max()))
+    aspect = facades.TEXTURE_SIZE[0] / facades.TEXTURE_SIZE[1]
+    u = offset[:, 0] / metres * (v_bottom - v_top) * aspect
+    return np.column_stack([u, v_bottom - offset[:, 1] / metres * (v_bottom - v_top)])
+
+
+def _interleave(corners: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Arrays (n, d), one a corner -> (n * corners, d), quad by quad."""
+    return np.stack(corners, axis=1).reshape(-1, corners[0].shape[1])
+
+
+def _ranges(offsets: NDArray[np.int64], chosen: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Indices in the chosen ranges [offsets[i], offsets[i + 1]), one after the other, and the offsets of the result."""
+    counts = offsets[chosen + 1] - offsets[chosen]
+    ends = np.concatenate([[0], np.cumsum(counts)])
+    return np.arange(ends[-1]) + np.repeat(offsets[chosen] - ends[:-1], counts), ends
+
+
+def _assemble(parts: list[_Part], objects: int, texture: NDArray[np.uint8]) -> CityMesh:
+    """Group all vertices and triangles by object, keeping the order within one."""
+    counts = [len(part.positions) for part in parts]
+    shifts = np.cumsum([0, *counts[:-1]])
+    owners = np.concatenate([part.owners for part in parts]).astype(np.int64)
+    triangles = np.concatenate([part.triangles + shift for part, shift in zip(parts, shifts, strict=True)])
+    triangle_owners = owners[triangles[:, 0]]
+    order = np.argsort(owners, kind="stable")
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    colors = np.concatenate([part.colors for part in parts])[order]
+    bounds = np.arange(objects + 1)
+    return CityMesh(
+        positions=np.concatenate([part.positions for part in parts])[order].astype(np.float32),
+        uv=np.concatenate([part.uv for part in parts])[order].astype(np.float32),
+        colors=np.clip(np.rint(255.0 * colors), 0, 255).astype(np.uint8),
+        triangles=place[triangles[np.argsort(triangle_owners, kind="stable")]].astype(np.int32),
+        object_vertices=np.searchsorted(owners[order], bounds).astype(np.int64),
+        object_triangles=np.searchsorted(np.sort(triangle_owners), bounds).astype(np.int64),
+        texture=texture,
+    )
