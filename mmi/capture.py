@@ -208,6 +208,7 @@ class _SingleSampleRenderer(Renderer):
     """pyrender's renderer with one sample a pixel and a framebuffer that grows instead of being made anew."""
 
     _main_fb: int | None
+    _main_fb_ms: int | None
     _main_fb_dims: tuple[int, int] | tuple[None, None]
 
     def _configure_main_framebuffer(self) -> None:

@@ -1,0 +1,234 @@
+"""The dataset on disk: a folder that a killed build can resume, and that tells when it was damaged.
+
+    OUT/manifest.json      what is in it; the same bytes for the same city and parameters (schemas/manifest.json)
+    OUT/build.json         what the machine did; the only file that differs between builds (schemas/build.json)
+    OUT/city.json          objects and streets;  OUT/city.glb  their geometry, shared by all cells
+    OUT/cells/ID.json      a cell's record: its entry in the manifest, and fingerprints of what it was made from
+    OUT/cells/ID.exr       its depth textures;   OUT/cells/ID.glb  its layers' meshes and textures
+
+Files are written under a temporary name and renamed. A cell's record comes last: where it is there, and its checksums hold,
+the cell is complete. Nothing is ever unpickled.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mmi.city import City
+from mmi.errors import CityError, DatasetError
+from mmi.io.stored import canonical_json, city_from_json
+
+__all__ = ["FORMAT_VERSION", "Dataset", "DatasetFolder", "build_folder", "open_dataset", "readable_json"]
+
+FORMAT_VERSION = 1
+_PROGRAM = "build-impostors"
+_TEMPORARY = ".part"
+
+
+@dataclass(frozen=True, slots=True)
+class DatasetFolder:
+    """A dataset's folder, open for building; get one from :func:`build_folder`. Raises DatasetError when it cannot write."""
+
+    path: Path
+
+    def write(self, name: str, data: bytes) -> dict[str, Any]:
+        """Write a file whole or not at all; its checksum entry ``{name, bytes, sha256}``. Unchanged files stay untouched."""
+        target = self.path / name
+        entry = {"name": name, "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+        if _checksum(target) == (entry["bytes"], entry["sha256"]):
+            return entry
+        return self.write_with(name, lambda temporary: _write_bytes(temporary, data))
+
+    def write_with(self, name: str, write: Callable[[Path], None]) -> dict[str, Any]:
+        """The same for a library that writes to a path itself."""
+        target = self.path / name
+        temporary = target.with_name(target.name + _TEMPORARY)
+        try:
+            write(temporary)
+            found = _checksum(temporary)
+            temporary.replace(target)
+        except (OSError, RuntimeError) as error:  # OpenEXR raises RuntimeError
+            raise _cannot_write(target, error) from error
+        if found is None:
+            raise DatasetError(f"{target}: written, but it cannot be read back")
+        return {"name": name, "bytes": found[0], "sha256": found[1]}
+
+    def record(self, cell: str) -> dict[str, Any] | None:
+        """A complete cell's record; None where there is none, or where it or a file that it names is damaged."""
+        try:
+            record = json.loads((self.path / "cells" / f"{cell}.json").read_bytes())
+            files = record["entry"]["files"].values()
+            whole = all(
+                _checksum(self.path / "cells" / Path(file["name"]).name) == (file["bytes"], file["sha256"])
+                for file in files
+            )
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            return None
+        return record if whole else None
+
+    def write_record(self, cell: str, record: Mapping[str, Any]) -> None:
+        """Declare a cell complete."""
+        self.write(f"cells/{cell}.json", canonical_json(record))
+
+    def recorded_cells(self) -> list[str]:
+        """Ids of the cells that have a record, sorted."""
+        return sorted(path.stem for path in (self.path / "cells").glob("*.json"))
+
+    def remove_cell(self, cell: str) -> None:
+        """Delete a cell's files, its record first."""
+        for suffix in (".json", ".exr", ".glb"):
+            (self.path / "cells" / f"{cell}{suffix}").unlink(missing_ok=True)
+
+
+@contextmanager
+def build_folder(path: Path) -> Iterator[DatasetFolder]:
+    """Make or reopen ``path`` for building, alone: a lock keeps a second build out for as long as this process lives.
+
+    Raises DatasetError when the folder holds something else, is in use by another build, or cannot be written.
+    """
+    path = Path(path)
+    if path.exists() and not path.is_dir():
+        raise DatasetError(f"{path}: a folder for the dataset expected, found a file")
+    try:
+        present = {entry.name for entry in path.iterdir()} if path.exists() else set()
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot be read ({error.strerror})") from error
+    if present - {".lock"} and not _is_ours(path):
+        some = ", ".join(sorted(present)[:3])
+        raise DatasetError(
+            f"{path}: a new or empty folder, or a dataset of {_PROGRAM}, expected; found other files ({some}); "
+            "nothing was changed"
+        )
+    try:
+        (path / "cells").mkdir(parents=True, exist_ok=True)
+        lock = (path / ".lock").open("w")
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise DatasetError(f"{path}: another {_PROGRAM} is writing here; wait for it or stop it first") from error
+        folder = DatasetFolder(path)
+        if not (path / "build.json").exists():
+            folder.write("build.json", readable_json({"program": _PROGRAM, "format_version": FORMAT_VERSION}))
+        for leftover in [*path.glob(f"*{_TEMPORARY}"), *(path / "cells").glob(f"*{_TEMPORARY}")]:
+            leftover.unlink(missing_ok=True)
+        try:
+            yield folder
+        finally:
+            (path / ".lock").unlink(missing_ok=True)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dataset:
+    """A complete dataset, open for reading. ``manifest`` is its manifest.json as plain values."""
+
+    path: Path
+    manifest: Mapping[str, Any]
+
+    def cell(self, cell: str) -> Mapping[str, Any]:
+        """A cell's entry in the manifest. Raises DatasetError when there is no such cell."""
+        for entry in self.manifest["cells"]:
+            if entry["id"] == cell:
+                return dict(entry)
+        some = ", ".join(entry["id"] for entry in self.manifest["cells"][:5])
+        raise DatasetError(f"{self.path}: no cell {cell!r}; there are {len(self.manifest['cells'])}, such as {some}")
+
+    def read(self, entry: Mapping[str, Any]) -> bytes:
+        """A file that the manifest names (``{name, bytes, sha256}``). Raises DatasetError if it is missing or damaged."""
+        name = str(entry["name"])
+        if Path(name).is_absolute() or ".." in Path(name).parts:
+            raise DatasetError(
+                f"{self.path / 'manifest.json'}: a file name within the dataset expected, found {name!r}"
+            )
+        try:
+            data = (self.path / name).read_bytes()
+        except OSError as error:
+            raise DatasetError(f"{self.path / name}: cannot be read ({error.strerror}); build it again") from error
+        if len(data) != entry["bytes"] or hashlib.sha256(data).hexdigest() != entry["sha256"]:
+            raise DatasetError(
+                f"{self.path / name}: {entry['bytes']} bytes with the manifest's checksum expected, found {len(data)} "
+                "other bytes; run build-impostors again to mend it"
+            )
+        return data
+
+    def city(self) -> City:
+        """The city that the dataset was made from. Raises DatasetError if its file is missing or damaged."""
+        entry = self.manifest["city"]["files"]["json"]
+        try:
+            return city_from_json(self.read(entry), name=str(self.path / entry["name"]))
+        except CityError as error:
+            raise DatasetError(str(error)) from error
+
+
+def open_dataset(path: Path) -> Dataset:
+    """Open a dataset for reading. Raises DatasetError when there is none, or its manifest is damaged or of another version."""
+    path = Path(path)
+    name = path / "manifest.json"
+    if not path.is_dir():
+        raise DatasetError(
+            f"{path}: the folder of a dataset expected, found {'a file' if path.exists() else 'nothing'}"
+        )
+    if not name.exists():
+        hint = "its build was not finished: run build-impostors again" if _is_ours(path) else "it is not a dataset"
+        raise DatasetError(f"{path}: no manifest.json here; {hint}")
+    try:
+        manifest = json.loads(name.read_bytes())
+    except (OSError, ValueError) as error:
+        raise DatasetError(f"{name}: JSON expected, found damaged data ({error})") from error
+    version = manifest.get("format_version") if isinstance(manifest, dict) else None
+    if version != FORMAT_VERSION:
+        raise DatasetError(f"{name}: format version {FORMAT_VERSION} expected, found {version!r}; build it again")
+    missing = [key for key in ("city", "parameters", "cells", "totals") if key not in manifest]
+    if missing or not isinstance(manifest["cells"], list):
+        raise DatasetError(f"{name}: entries city, parameters, cells and totals expected, missing {missing}")
+    return Dataset(path, manifest)
+
+
+def readable_json(value: Any) -> bytes:  # noqa: ANN401
+    """JSON for people as well: sorted and indented, ending in a line break."""
+    return json.dumps(value, sort_keys=True, indent=1, allow_nan=False, ensure_ascii=False).encode() + b"\n"
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        marker = json.loads((path / "build.json").read_bytes())
+    except (OSError, ValueError):
+        return False
+    return isinstance(marker, dict) and marker.get("program") == _PROGRAM
+
+
+def _checksum(path: Path) -> tuple[int, str] | None:
+    """(bytes, sha256) of a file, None where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            return os.fstat(file.fileno()).st_size, digest
+    except OSError:
+        return None
+
+
+def _write_bytes(path: Path, data: bytes) -> None:
+    with path.open("wb") as file:
+        file.write(data)
+
+
+def _cannot_write(path: Path, error: BaseException) -> DatasetError:
+    reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+    if isinstance(error, OSError):
+        reason = error.strerror or reason
+        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            return DatasetError(
+                f"{path}: the disk is full ({reason}); make room and run the same command again: finished cells are kept"
+            )
+    return DatasetError(f"{path}: cannot be written ({reason}); finished cells are kept")
