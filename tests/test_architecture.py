@@ -1,0 +1,170 @@
+"""Rules that keep the project's shape: who imports whom, where OpenGL is, and what no module may contain.
+
+Each rule is a function from a module's syntax tree to complaints, held against a violation of its own further down.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("mmi", "citygen", "viewer")
+MODULES = {path.relative_to(ROOT).as_posix(): path for name in PACKAGES for path in sorted((ROOT / name).rglob("*.py"))}
+
+MAY_IMPORT = {"mmi": {"mmi"}, "citygen": {"citygen", "mmi"}, "viewer": {"viewer", "mmi"}}
+ONLY_IN = {"pyrender": "mmi/capture.py", "OpenGL": "mmi/capture.py", "moderngl": "viewer/gl.py"}
+MOST_LINES = 450
+MUTABLE_CALLS = {"list", "dict", "set", "bytearray", "defaultdict", "OrderedDict", "Counter", "deque"}
+
+
+def imported(tree):
+    """Every module that is imported anywhere in the tree, by its full name."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports are absolute here"
+            yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def called(node):
+    """``a.b`` for the call a.b(...), or an empty string."""
+    return ast.unparse(node.func) if isinstance(node, ast.Call) else ""
+
+
+def wrong_directions(name, tree):
+    package = name.split("/")[0]
+    for target in imported(tree):
+        root = target.split(".")[0]
+        if root in PACKAGES and root not in MAY_IMPORT[package]:
+            yield f"{package} imports {target}"
+
+
+def stray_opengl(name, tree):
+    for target in imported(tree):
+        home = ONLY_IN.get(target.split(".")[0])
+        if home is not None and name != home:
+            yield f"{target} is imported outside {home}"
+
+
+def unsafe(_name, tree):
+    for target in imported(tree):
+        if target.split(".")[0] in {"pickle", "cPickle", "dill", "joblib", "marshal", "shelve"}:
+            yield f"imports {target}"
+    for node in ast.walk(tree):
+        if called(node) in {"eval", "exec", "yaml.load"}:
+            yield f"line {node.lineno}: calls {called(node)}"
+        if isinstance(node, ast.keyword) and node.arg == "allow_pickle":
+            yield f"line {node.value.lineno}: allow_pickle"
+
+
+def keyword_plumbing(_name, tree):
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda) and node.args.kwarg is not None:
+            yield f"line {node.lineno}: takes **{node.args.kwarg.arg}"
+
+
+def mutable_state(_name, tree):
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Global):
+            yield f"line {node.lineno}: global {', '.join(node.names)}"
+    for node in tree.body:
+        if isinstance(node, ast.Assign | ast.AnnAssign | ast.AugAssign) and node.value is not None:
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            literal = ast.List | ast.Dict | ast.Set | ast.ListComp | ast.DictComp | ast.SetComp
+            mutable = isinstance(node.value, literal) or called(node.value).split(".")[-1] in MUTABLE_CALLS
+            if mutable and [ast.unparse(target) for target in targets] != ["__all__"]:
+                yield f"line {node.lineno}: {ast.unparse(targets[0])} can be changed"
+
+
+def missing_charter(_name, tree):
+    if len((ast.get_docstring(tree) or "").split()) < 5:
+        yield "needs a docstring that says what belongs in it"
+
+
+def unlisted_names(name, tree):
+    if name.endswith("__init__.py"):
+        return
+    listed = [
+        element.value
+        for node in tree.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
+        for element in node.value.elts
+    ]
+    definitions = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
+    public = {node.name for node in tree.body if isinstance(node, definitions) and not node.name.startswith("_")}
+    if public - set(listed):
+        yield f"not in __all__: {', '.join(sorted(public - set(listed)))}"
+
+
+def too_long(_name, _tree, text):
+    lines = text.count("\n")
+    if lines > MOST_LINES:
+        yield f"{lines} lines: two ideas, at most {MOST_LINES} lines expected"
+
+
+RULES = (wrong_directions, stray_opengl, unsafe, keyword_plumbing, mutable_state, missing_charter, unlisted_names)
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_module_keeps_the_rules(name):
+    text = MODULES[name].read_text(encoding="utf-8")
+    tree = ast.parse(text)
+    complaints = [complaint for rule in RULES for complaint in rule(name, tree)] + list(too_long(name, tree, text))
+    assert not complaints, f"{name}: " + "; ".join(complaints)
+
+
+@pytest.mark.parametrize(
+    ("rule", "name", "source"),
+    [
+        (wrong_directions, "mmi/x.py", "from viewer import walk"),
+        (wrong_directions, "citygen/x.py", "def f():\n    import viewer.walk"),
+        (wrong_directions, "viewer/x.py", "import citygen"),
+        (stray_opengl, "mmi/build.py", "import pyrender"),
+        (stray_opengl, "viewer/gl.py", "from OpenGL import GL"),
+        (stray_opengl, "mmi/capture.py", "import moderngl"),
+        (unsafe, "mmi/x.py", "from pickle import loads"),
+        (unsafe, "mmi/x.py", "def f(text):\n    return eval(text)"),
+        (unsafe, "mmi/x.py", "import yaml\nyaml.load(text)"),
+        (unsafe, "mmi/x.py", "import numpy as np\nnp.load(path, allow_pickle=True)"),
+        (keyword_plumbing, "mmi/x.py", "def f(a, **options): ..."),
+        (mutable_state, "mmi/x.py", "_cache: dict[str, int] = {}"),
+        (mutable_state, "mmi/x.py", "NAMES = ['a']"),
+        (mutable_state, "mmi/x.py", "from collections import defaultdict\nSEEN = defaultdict(list)"),
+        (mutable_state, "mmi/x.py", "def f():\n    global count\n    count = 1"),
+        (missing_charter, "mmi/x.py", "import math"),
+        (unlisted_names, "mmi/x.py", "__all__ = []\ndef f(): ..."),
+    ],
+)
+def test_rule_notices(rule, name, source):
+    assert list(rule(name, ast.parse(source)))
+
+
+@pytest.mark.parametrize(
+    ("rule", "name", "source"),
+    [
+        (wrong_directions, "viewer/x.py", "from mmi.camera import View\nimport viewer.walk"),
+        (stray_opengl, "mmi/capture.py", "import pyrender"),
+        (unsafe, "mmi/x.py", "import numpy as np\nnp.load(path)\nmodel.eval()"),
+        (mutable_state, "mmi/x.py", "__all__ = ['a']\nA = (1, 2)\nB = MappingProxyType({'a': 1})"),
+        (unlisted_names, "mmi/x.py", "__all__ = ['A', 'f']\ndef f(): ...\nclass A: ...\ndef _g(): ..."),
+    ],
+)
+def test_rule_lets_pass(rule, name, source):
+    assert not list(rule(name, ast.parse(source)))
+
+
+def test_every_package_is_looked_at():
+    assert {name.split("/")[0] for name in MODULES} == set(PACKAGES)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_names_that_a_package_offers_exist(package):
+    module = importlib.import_module(package)
+    offered = getattr(module, "__all__", [])
+    assert [name for name in offered if not hasattr(module, name)] == []
