@@ -112,7 +112,19 @@ class Capturer:
 
     def identify(self, objects: NDArray[np.int64], view: View) -> NDArray[np.int32]:
         """(h, w) int32: the item buffer of ``objects``; their indices into the city's objects, -1 for none."""
-        return self.depth_textures(objects, [view])[0].object_ids
+        objects = np.asarray(objects, dtype=np.int64)
+        if not objects.size:
+            return np.full((view.window[3], view.window[2]), -1, dtype=np.int32)
+        part = mesh_of(self._mesh, objects)
+        numbers = np.repeat(np.arange(1, len(objects) + 1), np.diff(part.object_vertices))
+        colors = np.ones((len(numbers), 4), dtype=np.float32)
+        colors[:, :3] = (numbers[:, None] >> np.array([0, 8, 16]) & 255) / np.float32(255.0)
+        positions = part.positions - view.eye
+        plain = pyrender.MetallicRoughnessMaterial(baseColorFactor=[1.0, 1.0, 1.0, 1.0], doubleSided=True)
+        primitive = pyrender.Primitive(positions=positions, color_0=colors, indices=part.triangles, material=plain)
+        [(rgba, _)] = self._render(primitive, positions[part.triangles], [view], 1)
+        number = rgba[..., :3].astype(np.int32) @ np.array([1, 1 << 8, 1 << 16], dtype=np.int32)
+        return np.concatenate([[-1], objects]).astype(np.int32)[np.where(rgba[..., 3] > 0, number, 0)]
 
     def _pass(
         self, objects: NDArray[np.int64], views: Sequence[View], supersample: int
@@ -121,7 +133,6 @@ class Capturer:
         part = mesh_of(self._mesh, objects)
         eye = views[0].eye
         positions = part.positions - eye  # float64, so that float32 begins at the eye
-        clearance = _clearance(positions[part.triangles][..., :2])
         numbers = np.repeat(np.arange(1, len(objects) + 1), np.diff(part.object_vertices))
         colors = np.empty((len(positions), 4), dtype=np.float32)
         colors[:, :3] = part.colors / np.float32(255.0)
@@ -133,35 +144,44 @@ class Capturer:
             indices=part.triangles,
             material=self._material,
         )
+        ids = np.full(256, -1, dtype=np.int32)
+        ids[1 : len(objects) + 1] = objects
+        pictures = self._render(primitive, positions[part.triangles], views, supersample)
+        return [(rgba[..., :3], depth, ids[rgba[..., 3]]) for rgba, depth in pictures]
+
+    def _render(
+        self,
+        primitive: pyrender.Primitive,
+        triangles: NDArray[np.float64],
+        views: Sequence[View],
+        supersample: int,
+    ) -> list[tuple[NDArray[np.uint8], NDArray[np.float32]]]:
+        """RGBA and depth of each view of one primitive, whose ``triangles`` (m, 3, 3) have the eye at their origin."""
+        clearance, far = _clearance(triangles[..., :2]), float(np.sqrt((triangles**2).sum(axis=-1).max()))
         results = []
         self._platform.make_current()
         node = self._scene.add(pyrender.Mesh([primitive]))
         try:
             for view in views:
-                self._look_through(view, positions, clearance)
+                self._look_through(view, clearance, far)
                 width, height = view.window[2] * supersample, view.window[3] * supersample
                 self._renderer.viewport_width, self._renderer.viewport_height = width, height
-                rgba, depth = self._renderer.render(self._scene, _FLAGS)
-                ids = np.full(256, -1, dtype=np.int32)
-                ids[1 : len(objects) + 1] = objects
-                results.append((rgba[..., :3], depth, ids[rgba[..., 3]]))
+                results.append(self._renderer.render(self._scene, _FLAGS))
         except OpenGLError as error:
-            raise CaptureError(f"OpenGL failed to capture {len(objects)} objects: {error}") from error
+            raise CaptureError(f"OpenGL failed to capture {len(triangles)} triangles: {error}") from error
         finally:
             self._scene.remove_node(node)
         return results
 
-    def _look_through(self, view: View, positions: NDArray[np.float64], clearance: float) -> None:
+    def _look_through(self, view: View, clearance: float, far: float) -> None:
         """Aim the camera: at the origin, turned as ``view``, clip planes close around what it can see."""
         rotation = view.eye_from_world[:3, :3]
         left, top, width, height = view.window
-        eye = positions @ rotation.T
-        depth = -eye[:, 2]
         # A point at this distance is nearest along the axis at the border of the window; a level view ignores heights.
         level = abs(rotation[2, 2]) < 1e-9
         border = math.hypot(max(abs(left), abs(left + width)), 0.0 if level else max(abs(top), abs(top + height)))
         near = max(0.99 * clearance / math.hypot(1.0, border / view.focal), 0.05)
-        self._camera.aim(view, near=near, far=max(1.01 * float(depth.max()), 2.0 * near))
+        self._camera.aim(view, near=near, far=max(1.01 * far, 2.0 * near))
         pose = np.eye(4)
         pose[:3, :3] = rotation.T
         self._scene.set_pose(self._camera_node, pose)
