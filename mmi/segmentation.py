@@ -1,0 +1,67 @@
+"""Near and far geometry: which of the visible objects stay geometry (paper section 5.4, figure 8).
+
+Both criteria measure from the footprint to the cell's rectangle in the ground plane, so that what is near is near from
+wherever the viewer may be. They are extractors (paper figure 6): they add to a selection's near objects and never
+remove one.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+
+from mmi.critical_zone import cell_region
+from mmi.errors import ParameterError
+from mmi.selection import Extractor, Selection
+
+__all__ = ["near_by_distance", "near_by_triangles"]
+
+
+def near_by_distance(distance: float) -> Extractor:
+    """Near is what comes within ``distance`` metres of the cell's rectangle (0: what touches or overlaps it).
+
+    Raises ParameterError for a distance that is negative or not finite.
+    """
+    if not (math.isfinite(distance) and distance >= 0.0):
+        raise ParameterError(f"the near distance needs to be 0 m or more, found {distance!r}")
+
+    def extract(selection: Selection) -> Selection:
+        return _with_near(selection, selection.objects[_distances(selection) <= distance])
+
+    return extract
+
+
+def near_by_triangles(budget: int, triangles: ArrayLike) -> Extractor:
+    """Near are the nearest objects, as many as ``budget`` triangles draw; ``triangles`` (n_objects,) counts each object's.
+
+    Ties in distance go to the lower index. The first object that no longer fits ends the near geometry, even if a
+    farther one would fit: near is a neighbourhood, not a knapsack. Raises ParameterError for a negative budget, and
+    ValueError where ``triangles`` does not fit the city.
+    """
+    if budget < 0:
+        raise ParameterError(f"the near triangle budget needs to be 0 or more, found {budget!r}")
+    counts = np.array(triangles, dtype=np.int64)
+
+    def extract(selection: Selection) -> Selection:
+        if counts.shape != (len(selection.city.objects),):
+            raise ValueError(
+                f"one triangle count per object expected ({len(selection.city.objects)}), found {counts.shape}"
+            )
+        nearest = selection.objects[np.argsort(_distances(selection), kind="stable")]
+        return _with_near(selection, nearest[np.cumsum(counts[nearest]) <= budget])
+
+    return extract
+
+
+def _distances(selection: Selection) -> NDArray[np.float64]:
+    """(n,) metres from each selected object's footprint to the cell's rectangle."""
+    region = cell_region(selection.cell)
+    footprints = [selection.city.objects[i].footprint for i in selection.objects]
+    return np.asarray(shapely.distance(footprints, region), dtype=np.float64)
+
+
+def _with_near(selection: Selection, more: NDArray[np.int64]) -> Selection:
+    return Selection(selection.city, selection.cell, selection.objects, np.concatenate([selection.near, more]))
