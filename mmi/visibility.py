@@ -1,0 +1,292 @@
+"""Which objects a viewing cell may see: the conservative horizon sweep, and the paper's item buffer (section 5.3).
+
+**Horizon sweep.** Conservative for every point of the cell, by four steps that each lose nothing.
+
+1. *From the region to its outline.* Take a line of sight from inside the cell and step back along it, at the same
+   height, to where it enters the cell's rectangle. What hides its target from there also hides it from the inside: it
+   stands between the inside and the target (nothing in the rectangle counts as occluder), and stepping back raises the
+   line of sight over it. So viewpoints on the outline suffice.
+2. *From the outline to samples* (Wonka, Wimmer, Schmalstieg 2000). Shrink occluders by e: what a shrunken occluder hides
+   from a sample, the whole one hides from everything within e of the sample, because the line of sight moves by at most
+   e. What is shrunk is the *union* of the solids, at a few heights: touching buildings leave no gap.
+3. *To the top of the eye band.* Occluders are solid down to the ground and higher than the eye, so an eye lower down
+   sees a subset.
+4. *To columns of azimuth*, see :mod:`mmi.horizon`.
+
+Occluders are the opaque prisms that stand on the ground, each with its height rounded down to a level. Those that the
+cell's rectangle cuts into (streets through buildings) hide nothing from that cell. The ground is flat and hides what is
+below it.
+
+**Item buffer.** Full panoramas from samples on the same outline; what is drawn in some pixel is visible. Works for any
+mesh, may miss what shows only between the samples or in less than a pixel.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry import Polygon
+
+from mmi.camera import View, level_view
+from mmi.cells import ViewingCell
+from mmi.city import City
+from mmi.errors import ParameterError
+from mmi.horizon import Rings, pack_rings, sweep
+from mmi.selection import Extractor, Selection
+
+__all__ = [
+    "HorizonScene",
+    "Identify",
+    "horizon_extractor",
+    "horizon_visible",
+    "item_buffer_extractor",
+    "panorama",
+    "prepare_horizon",
+    "sample_viewpoints",
+]
+
+_TOLERANCE = 0.05
+"""Metres that shrunken occluders give up beyond the asked distance, to be simplified by as much and still lie inside."""
+
+_TOUCH = 1e-3
+"""Metres: a wall this far inside a cell does not count as cutting into it; a base this far up stands on the ground."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HorizonScene:
+    """A city prepared for :func:`horizon_visible`.
+
+    ``shrink`` metres; ``columns`` in the panorama. ``occluders`` and the ``blocks`` (b,) that they are the rings of are
+    the shrunken unions, level by level. ``occludees`` are the rings of all prisms, ``owners`` (r,) their objects.
+    ``prisms`` (p,) are all footprints, ``prism_objects`` (p,) their objects, ``solid`` (p,) those that occlude.
+    """
+
+    city: City
+    shrink: float
+    columns: int
+    blocks: NDArray[np.object_]
+    block_heights: NDArray[np.float64]
+    occluders: Rings
+    occludees: Rings
+    owners: NDArray[np.int64]
+    prisms: shapely.STRtree
+    prism_objects: NDArray[np.int64]
+    solid: NDArray[np.bool_]
+
+
+def prepare_horizon(city: City, *, shrink: float = 2.0, columns: int = 2048, levels: int = 16) -> HorizonScene:
+    """Shrinks the city's occluders by ``shrink`` metres, at no more than ``levels`` heights; once a city.
+
+    A smaller ``shrink`` gives smaller visible sets and needs more viewpoints; ``columns`` is the panorama's resolution.
+    Raises ParameterError for values that have no meaning.
+    """
+    if not (shrink > 0.0 and math.isfinite(shrink)):
+        raise ParameterError(f"occluders shrink by a positive distance, found {shrink}")
+    if columns < 8 or levels < 1:
+        raise ParameterError(f"at least 8 columns and 1 level expected, found {columns} and {levels}")
+    prisms = [(prism, i, one.opaque) for i, one in enumerate(city.objects) for prism in one.prisms]
+    footprints = np.array([prism.footprint for prism, _, _ in prisms], dtype=object)
+    tops = np.array([prism.top for prism, _, _ in prisms], dtype=np.float64)
+    objects = np.array([i for _, i, _ in prisms], dtype=np.int64)
+    solid = np.array([opaque and prism.bottom <= city.ground + _TOUCH for prism, _, opaque in prisms], dtype=bool)
+    heights = _levels(tops[solid], levels)
+    shrunken = [_shrink(footprints[solid & (tops >= height)], shrink) for height in heights]
+    blocks = np.array([polygon for level in shrunken for polygon in level], dtype=object)
+    block_heights = np.repeat(heights, [len(level) for level in shrunken])
+    occludees = pack_rings(footprints, tops)
+    return HorizonScene(
+        city=city,
+        shrink=shrink,
+        columns=columns,
+        blocks=blocks,
+        block_heights=block_heights,
+        occluders=pack_rings(blocks, block_heights),
+        occludees=occludees,
+        owners=objects[occludees.owners],
+        prisms=shapely.STRtree(footprints),
+        prism_objects=objects,
+        solid=solid,
+    )
+
+
+def _levels(tops: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """At most ``count`` of ``tops``, sorted: those that leave the smallest sum of heights lost by rounding down."""
+    values, weights = np.unique(tops, return_counts=True)
+    if len(values) <= count:
+        return values
+    # best[j]: the smallest loss of values[j:] when j is a level and k more levels may follow
+    after = np.concatenate([np.cumsum((weights * values)[::-1])[::-1], [0.0]])
+    number = np.concatenate([np.cumsum(weights[::-1])[::-1], [0]])
+    # loss[i, j]: values[i:j] rounded down to values[i]
+    loss = (after[:-1, None] - after[None, :]) - values[:, None] * (number[:-1, None] - number[None, :])
+    loss[np.tril_indices(len(values), 0, len(values) + 1)] = np.inf
+    best = loss[:, -1]
+    choices = []
+    for _ in range(count - 1):
+        total = loss + np.append(best, 0.0)[None, :]
+        choices.append(np.argmin(total, axis=1))
+        best = np.take_along_axis(total, choices[-1][:, None], axis=1)[:, 0]
+    chosen = [0]
+    for choice in reversed(choices):
+        following = int(choice[chosen[-1]])
+        if following == len(values):
+            break
+        chosen.append(following)
+    return values[chosen]
+
+
+def _shrink(footprints: NDArray[np.object_], distance: float) -> NDArray[np.object_]:
+    """Polygons inside the union of ``footprints``, with at least ``distance`` metres to its outline.
+
+    Mitred corners lie farther from the outline than round ones, never nearer.
+    """
+    union = shapely.union_all(footprints)
+    inner = shapely.buffer(union, -(distance + _TOLERANCE), join_style="mitre")
+    return _polygons(shapely.simplify(inner, 0.9 * _TOLERANCE))
+
+
+def _polygons(shapes: NDArray[np.object_] | shapely.Geometry) -> NDArray[np.object_]:
+    """The non-empty polygons among the parts of ``shapes``."""
+    parts = shapely.get_parts(shapes)
+    return parts[(shapely.get_type_id(parts) == 3) & ~shapely.is_empty(parts)]
+
+
+def sample_viewpoints(cell: ViewingCell, *, reach: float) -> NDArray[np.float64]:
+    """(k, 3) points on the outline of the cell's rectangle, at the top of its eye band.
+
+    Every point of the outline is within ``reach`` metres of one; what the inside sees, the outline sees (see above).
+    """
+    if not reach > 0.0:
+        raise ParameterError(f"viewpoints reach a positive distance, found {reach}")
+    corners = cell.corners
+    outline = shapely.linearrings(corners)
+    count = math.ceil(outline.length / (2.0 * reach))
+    at = (np.arange(count) + 0.5) * (outline.length / count)
+    xy = shapely.get_coordinates(shapely.line_interpolate_point(outline, at))
+    return np.column_stack([xy, np.full(count, cell.eye[1])])
+
+
+def horizon_visible(scene: HorizonScene, cell: ViewingCell) -> NDArray[np.int64]:
+    """Sorted indices into ``city.objects`` of all that may be seen from somewhere in ``cell`` (and maybe some more)."""
+    region = Polygon(cell.corners)
+    seen = np.zeros(len(scene.city.objects), dtype=bool)
+    seen[scene.prism_objects[_meeting(scene.prisms, region)]] = True
+    cutting = scene.prisms.query(region.buffer(-_TOUCH, join_style="mitre"), predicate="intersects")
+    occluders = _occluders_without(scene, cutting[scene.solid[cutting]])
+    nearest_first = np.lexsort([-occluders.heights, _gap(occluders.boxes, region.bounds)])
+    sweep(
+        sample_viewpoints(cell, reach=scene.shrink),
+        occluders,
+        nearest_first,
+        scene.occludees,
+        scene.owners,
+        seen,
+        columns=scene.columns,
+    )
+    return np.flatnonzero(seen)
+
+
+def _meeting(prisms: shapely.STRtree, region: Polygon) -> NDArray[np.int64]:
+    """Sorted indices of the footprints that ``region`` meets or touches."""
+    return np.sort(prisms.query(region, predicate="dwithin", distance=_TOUCH))
+
+
+def _gap(boxes: NDArray[np.float64], box: tuple[float, float, float, float]) -> NDArray[np.float64]:
+    """(r,) metres between ``box`` and each of ``boxes`` (r, 4)."""
+    x0, y0, x1, y1 = box
+    dx = np.maximum(np.maximum(boxes[:, 0] - x1, x0 - boxes[:, 2]), 0.0)
+    dy = np.maximum(np.maximum(boxes[:, 1] - y1, y0 - boxes[:, 3]), 0.0)
+    return np.hypot(dx, dy)
+
+
+def _occluders_without(scene: HorizonScene, prisms: NDArray[np.int64]) -> Rings:
+    """The occluders as they would be without ``prisms``: what is left is as far from them as from any outline."""
+    if not len(prisms):
+        return scene.occluders
+    margin = scene.shrink + _TOLERANCE
+    hole = shapely.union_all(shapely.buffer(scene.prisms.geometries[np.sort(prisms)], margin, join_style="mitre"))
+    shapely.prepare(hole)
+    cut = shapely.intersects(hole, scene.blocks)
+    pieces = [_polygons(rest) for rest in shapely.difference(scene.blocks[cut], hole)]
+    heights = np.repeat(scene.block_heights[cut], [len(piece) for piece in pieces])
+    return pack_rings(
+        np.concatenate([scene.blocks[~cut], *pieces]), np.concatenate([scene.block_heights[~cut], heights])
+    )
+
+
+def horizon_extractor(scene: HorizonScene) -> Extractor:
+    """Narrows a selection of the scene's city to what :func:`horizon_visible` finds."""
+
+    def extract(selection: Selection) -> Selection:
+        if selection.city is not scene.city:
+            raise ValueError(f"scene of {scene.city.source} used for a selection of {selection.city.source}")
+        return _narrowed(selection, horizon_visible(scene, selection.cell))
+
+    return extract
+
+
+def _narrowed(selection: Selection, visible: NDArray[np.int64]) -> Selection:
+    return Selection(
+        selection.city,
+        selection.cell,
+        np.intersect1d(selection.objects, visible),
+        np.intersect1d(selection.near, visible),
+    )
+
+
+Identify = Callable[[View, NDArray[np.int64]], NDArray[np.int32]]
+"""(view, objects) -> (h, w): the object that each pixel of the view's window shows of ``objects``, -1 where none."""
+
+
+def item_buffer_extractor(identify: Identify, *, resolution: int = 512, spacing: float = 4.0) -> Extractor:
+    """Narrows a selection to what pictures of object ids show (paper section 5.3), and what the cell touches.
+
+    Panoramas of six views, ``resolution`` pixels across each, from points ``spacing`` metres apart on the cell's outline;
+    points inside a solid do not count. ``identify`` draws.
+    """
+    if resolution < 1:
+        raise ParameterError(f"an item buffer needs at least 1 pixel across a view, found {resolution}")
+
+    def extract(selection: Selection) -> Selection:
+        prisms = [(prism, i) for i in selection.objects for prism in selection.city.objects[i].prisms]
+        footprints = np.array([prism.footprint for prism, _ in prisms], dtype=object)
+        spans = np.array([(prism.bottom, prism.top) for prism, _ in prisms]).reshape(-1, 2)
+        touching = _meeting(shapely.STRtree(footprints), Polygon(selection.cell.corners))
+        seen = np.zeros(len(selection.city.objects), dtype=bool)
+        seen[[prisms[i][1] for i in touching]] = True
+        for eye in sample_viewpoints(selection.cell, reach=0.5 * spacing):
+            distances = shapely.distance(footprints, shapely.Point(eye[:2]))
+            if np.any((distances == 0.0) & (spans[:, 0] < eye[2]) & (eye[2] < spans[:, 1])):
+                continue
+            away = np.maximum(distances, _TOUCH)
+            slopes = (spans - eye[2]) / away[:, None]
+            for view in panorama(eye, resolution=resolution, rise=_most(slopes[:, 1]), fall=_most(-slopes[:, 1])):
+                shown = identify(view, selection.objects)
+                seen[np.unique(shown[shown >= 0])] = True
+        return _narrowed(selection, np.flatnonzero(seen))
+
+    return extract
+
+
+def _most(slopes: NDArray[np.float64]) -> float:
+    return float(np.max(slopes, initial=0.0))
+
+
+def panorama(
+    eye: NDArray[np.float64], *, resolution: int, rise: float, fall: float, sectors: int = 6
+) -> tuple[View, ...]:
+    """Level views all around ``eye`` (3,), ``resolution`` pixels across each.
+
+    They show slopes (height over horizontal distance) from ``-fall`` to ``rise``, but none beyond 80 degrees.
+    """
+    half = math.pi / sectors
+    focal = 0.5 * resolution / math.tan(half)
+    steepest = math.tan(math.radians(80.0))
+    up, down = (math.ceil(focal * min(slope, steepest) / math.cos(half)) + 1 for slope in (rise, fall))
+    window = (-(resolution // 2), -up, resolution, up + down)
+    return tuple(level_view(eye, 2.0 * half * i, focal=focal, window=window) for i in range(sectors))
