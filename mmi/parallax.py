@@ -74,12 +74,12 @@ def pair_weights(
     )
     boundary = _boundary_samples(half_length, half_width, float(distances[used].min()))
     place = np.searchsorted(used, pairs[bounded])
-    tables = _object_tables(points, slack, object_ends, boundary)
+    rising, falling = _object_tables(points, slack, object_ends, boundary)
     if signed:
-        weights[bounded] = _largest_changes(*tables, place)
+        weights[bounded] = _largest_changes(rising, falling, place)
     else:
-        sums = _object_sums(points, sum_slack, object_ends, boundary)
-        weights[bounded] = _largest_unsigned_changes(*tables, *sums, place, len(boundary))
+        least, most = _object_sums(points, sum_slack, object_ends, boundary)
+        weights[bounded] = _largest_unsigned_changes(rising, falling, least, most, place, len(boundary))
     return weights
 
 
@@ -115,8 +115,8 @@ def _boundary_samples(half_length: float, half_width: float, nearest: float) -> 
     return np.concatenate(sides)
 
 
-@njit(cache=True)
-def _spacing(distance, diameter):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+@njit(cache=True, error_model="numpy")
+def _spacing(distance: float, diameter: float) -> float:
     """Metres between samples, ``distance`` metres away from the cell, that add _TOLERANCE * diameter / distance radians.
 
     A piece of length h adds h^2 / 8 of the second derivative, which is at most 2 / d^2 and 2 diameter / d^3.
@@ -124,8 +124,8 @@ def _spacing(distance, diameter):  # type: ignore[no-untyped-def]  # noqa: ANN00
     return 2.0 * math.sqrt(_TOLERANCE * distance * max(distance, diameter))
 
 
-@njit(cache=True)
-def _gap(x0, y0, x1, y1, half_length, half_width):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+@njit(cache=True, error_model="numpy")
+def _gap(x0: float, y0: float, x1: float, y1: float, half_length: float, half_width: float) -> float:
     """Metres between a segment outside the rectangle |x| <= half_length, |y| <= half_width and that rectangle."""
     least = math.inf
     for x, y in ((x0, y0), (x1, y1)):
@@ -144,8 +144,15 @@ def _gap(x0, y0, x1, y1, half_length, half_width):  # type: ignore[no-untyped-de
     return least
 
 
-@njit(cache=True)
-def _outline_samples(coordinates, ring_ends, ring_owner, n, half_length, half_width):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+@njit(cache=True, error_model="numpy")
+def _outline_samples(
+    coordinates: NDArray[np.float64],
+    ring_ends: NDArray[np.int64],
+    ring_owner: NDArray[np.int64],
+    n: int,
+    half_length: float,
+    half_width: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     """Points on the outlines, and how much g (and the sum of azimuths) can exceed its values there between two of them.
 
     Along a straight edge the azimuth of X from M has a second derivative of at most 1 / d^2, its difference between M
@@ -191,10 +198,13 @@ def _outline_samples(coordinates, ring_ends, ring_owner, n, half_length, half_wi
     return points[:count], slack[:count], sum_slack[:count], object_ends
 
 
-@njit(cache=True)
-def _azimuth_bounds(x, y, boundary, low, high):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+@njit(cache=True, error_model="numpy")
+def _azimuth_bounds(
+    x: float, y: float, boundary: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
+) -> None:
     """Fill ``low``, ``high`` (k,): between boundary samples, chords of these enclose the azimuth of (x, y) less that
-    from the centre. It is monotonic on a straight side, and its second derivative is 2 |t y| / (t^2 + y^2)^2."""
+    from the centre. It is monotonic on a straight side, and its second derivative is 2 |t y| / (t^2 + y^2)^2.
+    """
     n = len(boundary)
     for k in range(n):
         mx, my = boundary[k]
@@ -214,8 +224,13 @@ def _azimuth_bounds(x, y, boundary, low, high):  # type: ignore[no-untyped-def] 
         low[k], high[k] = low[k] - high[k], low[k] + high[k]
 
 
-@njit(cache=True)
-def _object_tables(points, slack, object_ends, boundary):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+@njit(cache=True, error_model="numpy")
+def _object_tables(
+    points: NDArray[np.float64],
+    slack: NDArray[np.float64],
+    object_ends: NDArray[np.int64],
+    boundary: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Per object and pair M, M' of boundary samples: bounds of max g and of max -g over the object, each (n, k(k+1)/2)."""
     n, k = len(object_ends), len(boundary)
     rising, falling = np.full((n, k * (k + 1) // 2), -math.inf), np.full((n, k * (k + 1) // 2), -math.inf)
@@ -237,8 +252,10 @@ def _object_tables(points, slack, object_ends, boundary):  # type: ignore[no-unt
     return np.minimum(rising, math.pi), np.minimum(falling, math.pi)
 
 
-@njit(cache=True)
-def _largest_changes(rising, falling, pairs):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+@njit(cache=True, error_model="numpy")
+def _largest_changes(
+    rising: NDArray[np.float64], falling: NDArray[np.float64], pairs: NDArray[np.int64]
+) -> NDArray[np.float64]:
     """(m,) for each pair of objects, the largest of max g over one plus max -g over the other."""
     weights = np.empty(len(pairs))
     lanes = np.empty(64)
@@ -259,8 +276,13 @@ def _largest_changes(rising, falling, pairs):  # type: ignore[no-untyped-def]  #
     return weights
 
 
-@njit(cache=True)
-def _object_sums(points, sum_slack, object_ends, boundary):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+@njit(cache=True, error_model="numpy")
+def _object_sums(
+    points: NDArray[np.float64],
+    sum_slack: NDArray[np.float64],
+    object_ends: NDArray[np.int64],
+    boundary: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Like _object_tables, for the sum of the azimuths from M and M': bounds of its least and greatest value."""
     n, k = len(object_ends), len(boundary)
     least, most = np.full((n, k * (k + 1) // 2), math.inf), np.full((n, k * (k + 1) // 2), -math.inf)
@@ -279,8 +301,15 @@ def _object_sums(points, sum_slack, object_ends, boundary):  # type: ignore[no-u
     return least, most
 
 
-@njit(cache=True)
-def _largest_unsigned_changes(rising, falling, least, most, pairs, k):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+@njit(cache=True, error_model="numpy")
+def _largest_unsigned_changes(
+    rising: NDArray[np.float64],
+    falling: NDArray[np.float64],
+    least: NDArray[np.float64],
+    most: NDArray[np.float64],
+    pairs: NDArray[np.int64],
+    k: int,
+) -> NDArray[np.float64]:
     """(m,) for each pair of objects, a bound of the change of the unsigned angle.
 
     The unsigned angle is even in the signed one, so it changes by no more than theta(M) - theta(M') and by no more than
@@ -313,8 +342,8 @@ def _largest_unsigned_changes(rising, falling, least, most, pairs, k):  # type: 
     return weights
 
 
-@njit(cache=True)
-def _farthest_from_full_turns(low, high):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+@njit(cache=True, error_model="numpy")
+def _farthest_from_full_turns(low: float, high: float) -> float:
     """Largest distance of a number in [low, high] to the multiples of 2 pi."""
     turn = 2.0 * math.pi
     shifted = low - turn * math.floor(low / turn)

@@ -57,8 +57,10 @@ def point_pair_weights(cell: ViewingCell, a: ArrayLike, b: ArrayLike, *, signed:
     return _region_weights(points[0], points[1], cell.corners, signed).reshape(shape[:-1])
 
 
-@njit(cache=True)
-def _region_weights(a, b, corners, signed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+@njit(cache=True, error_model="numpy")
+def _region_weights(
+    a: NDArray[np.float64], b: NDArray[np.float64], corners: NDArray[np.float64], signed: bool
+) -> NDArray[np.float64]:
     weights = np.empty(len(a))
     for i in range(len(a)):
         low, high, reached = math.inf, -math.inf, 0.0
@@ -82,8 +84,10 @@ def _region_weights(a, b, corners, signed):  # type: ignore[no-untyped-def]  # n
     return weights
 
 
-@njit(cache=True)
-def _angles_along(xa, ya, xb, yb, xp, yp, xq, yq, signed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+@njit(cache=True, error_model="numpy")
+def _angles_along(
+    xa: float, ya: float, xb: float, yb: float, xp: float, yp: float, xq: float, yq: float, signed: bool
+) -> tuple[float, float, float, float]:
     """(least, most, at P, at Q) of the angle AMB for M in [PQ]; all nan where it is undefined.
 
     Like the paper, in a frame whose x axis is PQ, here with its origin at P and without the scaling that puts A at
@@ -120,8 +124,8 @@ def _angles_along(xa, ya, xb, yb, xp, yp, xq, yq, signed):  # type: ignore[no-un
     return least, most, start, end
 
 
-@njit(cache=True)
-def _to_line_frame(dx, dy, ux, uy, length):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+@njit(cache=True, error_model="numpy")
+def _to_line_frame(dx: float, dy: float, ux: float, uy: float, length: float) -> tuple[float, float]:
     """A point relative to P in the frame of PQ; onto the line, and onto its ends, where rounding alone keeps it off."""
     x, y = dx * ux + dy * uy, ux * dy - uy * dx
     scale = _ON_LINE * max(abs(x), length)
@@ -134,8 +138,8 @@ def _to_line_frame(dx, dy, ux, uy, length):  # type: ignore[no-untyped-def]  # n
     return x, y
 
 
-@njit(cache=True)
-def _tangent_points(ax, ay, bx, by):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+@njit(cache=True, error_model="numpy")
+def _tangent_points(ax: float, ay: float, bx: float, by: float) -> tuple[float, float]:
     """Where circles through A and B touch the line y = 0: paper eqs. (4), (5) multiplied by y_A.
 
     The roots of (by - ay) t^2 + 2 ay (bx - ax) t + ay (by (ay - by) - (bx - ax)^2) = 0 with t = x - ax. None (nan) if A
@@ -150,15 +154,15 @@ def _tangent_points(ax, ay, bx, by):  # type: ignore[no-untyped-def]  # noqa: AN
     return one, ax + ay * (by * (ay - by) - d * d) / s
 
 
-@njit(cache=True)
-def _angle_at(x, ax, ay, bx, by, side):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+@njit(cache=True, error_model="numpy")
+def _angle_at(x: float, ax: float, ay: float, bx: float, by: float, side: float) -> float:
     """Signed principal angle AMB from M = (x, 0). If M meets a point, as the limit from x - eps (side 1) or x + eps."""
     adx = side if ax == x and ay == 0.0 else ax - x
     bdx = side if bx == x and by == 0.0 else bx - x
     return math.atan2(adx * by - ay * bdx, adx * bdx + ay * by)
 
 
-@njit(cache=True)
-def _turn(x, px, py):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+@njit(cache=True, error_model="numpy")
+def _turn(x: float, px: float, py: float) -> float:
     """How far the direction to (px, py) turns while M moves from the origin to (x, 0): in (-pi, pi), without jumps."""
     return math.atan2(py * x, px * (px - x) + py * py)
