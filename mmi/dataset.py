@@ -51,7 +51,7 @@ class DatasetFolder:
     def write_with(self, name: str, write: Callable[[Path], None]) -> dict[str, Any]:
         """The same for a library that writes to a path itself."""
         target = self.path / name
-        temporary = target.with_name(target.name + _TEMPORARY)
+        temporary = target.with_name(f"{target.name}{_TEMPORARY}-{os.getpid()}")
         try:
             write(temporary)
             found = _checksum(temporary)
@@ -61,6 +61,13 @@ class DatasetFolder:
         if found is None:
             raise DatasetError(f"{target}: written, but it cannot be read back")
         return {"name": name, "bytes": found[0], "sha256": found[1]}
+
+    def read(self, name: str) -> bytes:
+        """A file's bytes. Raises DatasetError if it cannot be read."""
+        try:
+            return (self.path / name).read_bytes()
+        except OSError as error:
+            raise DatasetError(f"{self.path / name}: cannot be read ({error.strerror})") from error
 
     def record(self, cell: str) -> dict[str, Any] | None:
         """A complete cell's record; None where there is none, or where it or a file that it names is damaged."""
@@ -121,7 +128,7 @@ def build_folder(path: Path) -> Iterator[DatasetFolder]:
         folder = DatasetFolder(path)
         if not (path / "build.json").exists():
             folder.write("build.json", readable_json({"program": _PROGRAM, "format_version": FORMAT_VERSION}))
-        for leftover in [*path.glob(f"*{_TEMPORARY}"), *(path / "cells").glob(f"*{_TEMPORARY}")]:
+        for leftover in [*path.glob(f"*{_TEMPORARY}-*"), *(path / "cells").glob(f"*{_TEMPORARY}-*")]:
             leftover.unlink(missing_ok=True)
         try:
             yield folder

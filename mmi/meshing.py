@@ -17,23 +17,33 @@ from numpy.typing import NDArray
 
 from mmi.impostor import DepthTexture, GridMesh
 
-__all__ = ["grid_mesh"]
+__all__ = ["covered_window", "grid_mesh"]
 
 _FINEST = 8  # a quad is split into at most this many strips a side
 _UV_ERROR = 0.05  # texels, along each side of a quad: a tenth over the diagonal
 
 
-def grid_mesh(texture: DepthTexture, *, quad: int = 16) -> GridMesh | None:
-    """The mesh of one depth texture; None where nothing is covered.
+def covered_window(texture: DepthTexture, *, quad: int) -> tuple[int, int, int, int] | None:
+    """The part of the texture's window that its mesh reaches, in whole quads; None where nothing is covered."""
+    left, top, _, _ = texture.view.window
+    keep = _quads_with_coverage(texture.coverage, quad)
+    rows, columns = np.flatnonzero(keep.any(axis=1)), np.flatnonzero(keep.any(axis=0))
+    if not rows.size:
+        return None
+    size = (int(columns[-1] - columns[0] + 1) * quad, int(rows[-1] - rows[0] + 1) * quad)
+    return (left + int(columns[0]) * quad, top + int(rows[0]) * quad, *size)
 
-    ``quad`` is the side of a grid cell in texels; the window's size must be a multiple of it. Raises ValueError if not.
+
+def grid_mesh(texture: DepthTexture, *, quad: int = 16) -> GridMesh:
+    """The mesh of one depth texture.
+
+    ``quad`` is the side of a grid cell in texels; the window's size must be a multiple of it, and something covered.
+    Raises ValueError if not.
     """
     left, top, width, height = texture.view.window
-    if width % quad or height % quad:
-        raise ValueError(f"a window of whole quads of {quad} texels expected, found {width} x {height}")
     covered = texture.coverage
-    if not covered.any():
-        return None
+    if width % quad or height % quad or not covered.any():
+        raise ValueError(f"a covered window of whole quads of {quad} texels expected, found {width} x {height}")
     inverse = _fit(texture.depth, quad)
     keep = _quads_with_coverage(covered, quad)
     inverse = _spread(inverse)

@@ -35,12 +35,11 @@ class Walls:
     top: NDArray[np.float64]
     first: NDArray[np.int64]
 
-    def of(self, objects: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Indices of the walls of ``objects``, and for each wall the place of its owner in ``objects``."""
+    def of(self, objects: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Indices of the walls of ``objects``, object after object."""
         counts = self.first[objects + 1] - self.first[objects]
-        owner = np.repeat(np.arange(len(objects)), counts)
-        within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-        return self.first[objects][owner] + within, owner
+        starts = np.repeat(self.first[objects] - (np.cumsum(counts) - counts), counts)
+        return starts + np.arange(counts.sum())
 
 
 def walls_of(city: City) -> Walls:
@@ -70,7 +69,7 @@ def texel_focal(walls: Walls, objects: NDArray[np.int64], cell: ViewingCell, foc
     d', a pixel covers d' / ``focal``. So the display's focal length grows by the largest d / d' over the objects' walls
     (taken at their ends, thirds and at the foot of the perpendicular; the ratio is smooth in between).
     """
-    index, _ = walls.of(objects)
+    index = walls.of(objects)
     along = np.subtract(cell.q, cell.p) / cell.length
     axes = np.array([along, [-along[1], along[0]]])
     a = (walls.a[index] - cell.reference[:2]) @ axes.T
@@ -85,8 +84,8 @@ def texel_focal(walls: Walls, objects: NDArray[np.int64], cell: ViewingCell, foc
 
 def layer_views(
     walls: Walls, objects: NDArray[np.int64], cell: ViewingCell, *, sectors: int, focal: float, quad: int
-) -> list[tuple[int, View, NDArray[np.int64]]]:
-    """(sector, view, objects in it) for every sector that the objects appear in.
+) -> list[tuple[int, View]]:
+    """(sector, view) for every sector that the objects appear in.
 
     Windows are whole quads of ``quad`` texels and reach one quad beyond the sector's borders, so that the meshes of
     neighbouring sectors overlap and no gap opens between them.
@@ -94,21 +93,20 @@ def layer_views(
     eye = cell.reference
     half = math.pi / sectors
     border = quad * (math.ceil(focal * math.tan(half) / quad) + 1)
-    index, owner = walls.of(objects)
+    index = walls.of(objects)
     a, b = walls.a[index] - eye[:2], walls.b[index] - eye[:2]
     bottom, top = walls.bottom[index] - eye[2], walls.top[index] - eye[2]
     views = []
     for sector in range(sectors):
         azimuth = 2.0 * half * sector
-        seen, u, v_low, v_high = _project(a, b, bottom, top, azimuth, focal, border / focal)
-        if not seen.any():
+        u, v_low, v_high = _project(a, b, bottom, top, azimuth, focal, border / focal)
+        if not u.size:
             continue
         left = max(quad * math.floor(u.min() / quad), -border)
         right = min(quad * math.ceil(u.max() / quad), border)
         upper, lower = quad * math.floor(v_low.min() / quad), quad * math.ceil(v_high.max() / quad)
         window = (left, upper, max(right - left, quad), max(lower - upper, quad))
-        view = level_view(eye, azimuth, focal=focal, window=window)
-        views.append((sector, view, objects[np.unique(owner[seen])]))
+        views.append((sector, level_view(eye, azimuth, focal=focal, window=window)))
     return views
 
 
@@ -120,8 +118,8 @@ def _project(
     azimuth: float,
     focal: float,
     spread: float,
-) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Walls clipped to |x| <= ``spread`` * depth: which remain (n,), and of those u (k, 2), least and largest v (k, 2)."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Walls clipped to |x| <= ``spread`` * depth, as far as they remain: u (k, 2), least v (k, 2), largest v (k, 2)."""
     forward = np.array([math.cos(azimuth), math.sin(azimuth)])
     right = np.array([math.sin(azimuth), -math.cos(azimuth)])
     xa, da, xb, db = a @ right, a @ forward, b @ right, b @ forward
@@ -141,4 +139,4 @@ def _project(
     x = xa[seen, None] + t * (xb - xa)[seen, None]
     depth = da[seen, None] + t * (db - da)[seen, None]
     v_top, v_bottom = -focal * top[seen, None] / depth, -focal * bottom[seen, None] / depth
-    return seen, focal * x / depth, np.minimum(v_top, v_bottom), np.maximum(v_top, v_bottom)
+    return focal * x / depth, np.minimum(v_top, v_bottom), np.maximum(v_top, v_bottom)

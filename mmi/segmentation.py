@@ -17,7 +17,7 @@ from mmi.critical_zone import cell_region
 from mmi.errors import ParameterError
 from mmi.selection import Extractor, Selection
 
-__all__ = ["near_by_distance", "near_by_triangles"]
+__all__ = ["near_by_distance", "near_by_slope", "near_by_triangles"]
 
 
 def near_by_distance(distance: float) -> Extractor:
@@ -30,6 +30,23 @@ def near_by_distance(distance: float) -> Extractor:
 
     def extract(selection: Selection) -> Selection:
         return _with_near(selection, selection.objects[_distances(selection) <= distance])
+
+    return extract
+
+
+def near_by_slope(steepest: float) -> Extractor:
+    """Near is what rises above ``steepest`` (height over distance) as seen from the closest point of the cell.
+
+    Towers overhead would need a capture as tall as the tangent of their elevation. Raises ParameterError for a slope
+    that is not positive.
+    """
+    if not steepest > 0.0:
+        raise ParameterError(f"the steepest slope of far objects needs to be positive, found {steepest!r}")
+
+    def extract(selection: Selection) -> Selection:
+        tops = np.array([selection.city.objects[i].top for i in selection.objects])
+        rises = tops - selection.cell.eye[0]
+        return _with_near(selection, selection.objects[rises > steepest * _distances(selection)])
 
     return extract
 

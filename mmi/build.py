@@ -1,0 +1,194 @@
+"""From a city to multi-mesh impostors, told top to bottom (paper figure 6).
+
+:func:`plan_cell` decides: what is visible from a cell, what of it stays geometry, which of the rest can share a layer.
+:func:`capture_cell` draws the layers into depth textures and meshes them. :func:`build_cell` is both. A dataset of all
+cells is made by :mod:`mmi.farm`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import networkx as nx
+import numpy as np
+from numpy.typing import NDArray
+
+from mmi.capture import Capturer
+from mmi.cells import ViewingCell
+from mmi.city import City
+from mmi.dilation import dilate
+from mmi.errors import ParameterError
+from mmi.impostor import DepthTexture, Impostor, Layer
+from mmi.layering import assign_layers, event_graph, panorama_boxes
+from mmi.meshing import covered_window, grid_mesh
+from mmi.parallax import critical_zone_weights
+from mmi.parameters import BuildParameters
+from mmi.sectors import Walls, layer_views, texel_focal, walls_of
+from mmi.segmentation import near_by_distance, near_by_slope, near_by_triangles
+from mmi.selection import Extractor, Selection, chain, everything
+from mmi.surfaces import CityMesh, build_city_mesh
+from mmi.visibility import Identify, horizon_extractor, item_buffer_extractor, prepare_horizon
+
+__all__ = ["CellPlan", "Scene", "Stopwatch", "build_cell", "capture_cell", "plan_cell", "prepare_scene"]
+
+_ALWAYS_NEAR = 4.0
+"""Metres: what is closer to the cell than this is geometry whatever the triangle budget; a viewer could touch it."""
+_COLOR_REACH = 4
+"""Texels that colour is dilated beyond silhouettes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stopwatch:
+    """Seconds spent in each stage."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time the body of a ``with`` statement under ``name``."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """What all cells of a city share, prepared once: geometry, walls, and the pipeline's first two extractors.
+
+    ``visible`` is None where visibility needs a renderer (the item buffer).
+    """
+
+    city: City
+    parameters: BuildParameters
+    mesh: CityMesh
+    walls: Walls
+    visible: Extractor | None
+    near: Extractor
+    landmarks: dict[int, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellPlan:
+    """What :func:`plan_cell` decided for a cell.
+
+    ``pairs`` (m, 2) are indices into the city's objects of far objects that can overlap in the image, ``weights`` (m,)
+    their weights in radians (landmark factors not applied); ``graph`` is the graph of visibility events above the
+    threshold; ``layers`` are its colours: arrays of object indices.
+    """
+
+    selection: Selection
+    pairs: NDArray[np.int64]
+    weights: NDArray[np.float64]
+    graph: nx.Graph
+    layers: tuple[NDArray[np.int64], ...]
+
+
+def prepare_scene(city: City, parameters: BuildParameters) -> Scene:
+    """Prepare ``city`` for planning and capturing its cells. Raises ParameterError for a landmark that is not there."""
+    index = city.index()
+    for name, _ in parameters.landmarks:
+        if name not in index:
+            raise ParameterError(f"landmark {name}: an object of {city.source} expected, found none of this id")
+    mesh = build_city_mesh(city)
+    if parameters.near_triangles is None:
+        nearby = near_by_distance(parameters.near_distance)
+    else:
+        nearby = chain(
+            near_by_triangles(parameters.near_triangles, mesh.triangle_counts), near_by_distance(_ALWAYS_NEAR)
+        )
+    return Scene(
+        city=city,
+        parameters=parameters,
+        mesh=mesh,
+        walls=walls_of(city),
+        visible=horizon_extractor(prepare_horizon(city)) if parameters.visibility == "horizon" else None,
+        near=chain(nearby, near_by_slope(parameters.steepest)),
+        landmarks={index[name]: factor for name, factor in parameters.landmarks},
+    )
+
+
+def plan_cell(
+    scene: Scene, cell: ViewingCell, *, identify: Identify | None = None, watch: Stopwatch | None = None
+) -> CellPlan:
+    """Visible, near and far objects of a cell, and the layers of the far ones (paper sections 4.1, 4.2, 5.3, 5.4).
+
+    ``identify`` draws the item buffer where ``parameters.visibility`` asks for it. Raises ParameterError if it is missing.
+    """
+    parameters, watch = scene.parameters, watch or Stopwatch()
+    visible = scene.visible
+    if visible is None:
+        if identify is None:
+            raise ParameterError("visibility by item buffer needs a renderer, found none")
+        visible = item_buffer_extractor(identify, resolution=parameters.camera.width)
+    with watch.stage("visibility"):
+        selection = visible(everything(scene.city, cell))
+    with watch.stage("segmentation"):
+        selection = scene.near(selection)
+    far = selection.far
+    objects = [scene.city.objects[i] for i in far]
+    with watch.stage("weights"):
+        signed = parameters.weights == "critical-zone"
+        pairs, weights = critical_zone_weights(cell, objects, signed=signed)
+    with watch.stage("layering"):
+        factors = {int(i): scene.landmarks[i] for i in far if i in scene.landmarks}
+        graph = event_graph(far, pairs, weights, threshold=parameters.max_angle, factors=factors)
+        boxes = panorama_boxes(
+            cell.reference,
+            [one.footprint for one in objects],
+            [one.base for one in objects],
+            [one.top for one in objects],
+        )
+        layers = assign_layers(graph, boxes, strategy=parameters.layering)
+    return CellPlan(selection, far[pairs], weights, graph, layers)
+
+
+def capture_cell(scene: Scene, plan: CellPlan, capturer: Capturer, *, watch: Stopwatch | None = None) -> Impostor:
+    """The depth textures and grid meshes of a plan's layers, sector by sector (paper section 5.1)."""
+    parameters, watch, cell = scene.parameters, watch or Stopwatch(), plan.selection.cell
+    layers = []
+    for index, objects in enumerate(plan.layers):
+        with watch.stage("windows"):
+            focal = texel_focal(scene.walls, objects, cell, parameters.camera.focal)
+            views = layer_views(
+                scene.walls, objects, cell, sectors=parameters.sectors, focal=focal, quad=parameters.quad
+            )
+        with watch.stage("capture"):
+            textures = capturer.depth_textures(objects, [view for _, view in views], supersample=parameters.supersample)
+        with watch.stage("meshing"):
+            for (sector, _), whole in zip(views, textures, strict=True):
+                texture = _finished(whole, parameters.quad)
+                if texture is None:
+                    continue
+                mesh = grid_mesh(texture, quad=parameters.quad)
+                shown = np.unique(texture.object_ids[texture.coverage]).astype(np.int64)
+                layers.append(Layer(index, sector, shown, texture, mesh))
+    layers.sort(key=lambda layer: (layer.sector, layer.index))
+    return Impostor(cell, plan.selection.near, plan.selection.far, tuple(layers))
+
+
+def build_cell(scene: Scene, cell: ViewingCell, capturer: Capturer, *, watch: Stopwatch | None = None) -> Impostor:
+    """A cell's multi-mesh impostor (paper section 4)."""
+    identify: Callable[..., NDArray[np.int32]] = capturer.identify
+    return capture_cell(scene, plan_cell(scene, cell, identify=identify, watch=watch), capturer, watch=watch)
+
+
+def _finished(texture: DepthTexture, quad: int) -> DepthTexture | None:
+    """Cropped to the quads that show something, colour dilated; None where nothing shows."""
+    window = covered_window(texture, quad=quad)
+    if window is None:
+        return None
+    left, top, width, height = window
+    rows = slice(top - texture.view.window[1], top - texture.view.window[1] + height)
+    columns = slice(left - texture.view.window[0], left - texture.view.window[0] + width)
+    ids = np.ascontiguousarray(texture.object_ids[rows, columns])
+    return DepthTexture(
+        view=texture.view.cropped(window),
+        color=dilate(np.ascontiguousarray(texture.color[rows, columns]), ids >= 0, _COLOR_REACH),
+        depth=np.ascontiguousarray(texture.depth[rows, columns]),
+        object_ids=ids,
+    )
