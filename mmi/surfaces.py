@@ -33,12 +33,13 @@ SKY_ZENITH = (104, 150, 204)
 
 _SUN = np.array([-0.45, -0.62, 0.64]) / math.sqrt(0.45**2 + 0.62**2 + 0.64**2)  # towards it: south-west, afternoon
 _SUNLIGHT = np.array([0.46, 0.43, 0.37])
-_SKYLIGHT = np.array([0.55, 0.58, 0.63])
+_SKYLIGHT = np.array([0.62, 0.64, 0.68])
 _CONTACT = 0.34  # light lost at the foot of a wall, fading with height
 _CONTACT_HEIGHT = 5.0
 _FLOATING = 1.0  # metres above ground from which a prism is a bridge or a bay: no doors, but an underside
 _BLIND = 1.5  # metres below which a wall has no room for a window
 _ROOF_STRIP_METRES = 8.0
+_PAVED = 7.0  # metres of pavement around buildings
 
 _TINTS = tuple(
     np.array(tints)
@@ -150,19 +151,23 @@ def mesh_of(city_mesh: CityMesh, objects: ArrayLike) -> CityMesh:
 def ground_mesh(city: City, *, margin: float) -> CityMesh:
     """Flat ground at ``city.ground``, ``margin`` metres beyond the city's bounds, as one object.
 
-    Carriageway, kerb, pavement and the rest are polygons cut out of each other: they share their borders and lie in one
-    plane, so nothing flickers. Streets are drawn at street level even where they are bridges or tunnels.
+    Carriageway, kerb, pavement (along streets and around buildings) and the rest are polygons cut out of each other:
+    they share their borders and lie in one plane, so nothing flickers. It goes on below buildings, and streets are drawn
+    on it even where they are bridges or tunnels.
     """
     x0, y0, x1, y1 = city.bounds
     widths = [float(edge.get("half_width", 3.0)) for _, _, edge in city.streets.edges(data=True)]
     lines = [edge["geometry"] for _, _, edge in city.streets.edges(data=True)]
-    border = max([margin, *(width + 4.0 for width in widths)])
+    border = max([margin, _PAVED + 1.0, *(width + 4.0 for width in widths)])
     rest: BaseGeometry = shapely.box(x0 - border, y0 - border, x1 + border, y1 + border)
     surfaces: list[tuple[BaseGeometry, tuple[float, float, float]]] = []
     inner: BaseGeometry = Polygon()
+    yards = shapely.simplify([one.footprint for one in city.objects if one.base <= city.ground + _FLOATING], 0.5)
+    paved = shapely.buffer(yards, _PAVED, quad_segs=1)
     for extra, color in ((0.0, (0.46, 0.46, 0.47)), (0.25, (0.86, 0.85, 0.82)), (2.75, (0.72, 0.70, 0.66))):
         # The outline is thinned to a finger's breadth before anything is cut, so that all sides see the same border.
-        outer = shapely.union_all(shapely.buffer(lines, np.array(widths) + extra, quad_segs=3)).simplify(0.02)
+        wide = shapely.buffer(lines, np.array(widths) + extra, quad_segs=3)
+        outer = shapely.union_all(np.concatenate([wide, paved]) if extra > 1.0 else wide).simplify(0.02)
         surfaces.append((shapely.difference(shapely.union(outer, inner), inner), color))
         inner = shapely.union(outer, inner)
     surfaces.append((shapely.difference(rest, inner), (0.63, 0.64, 0.56)))
