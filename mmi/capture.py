@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+os.environ.setdefault("PYGLET_HEADLESS", "1")  # pyrender imports pyglet, which would look for X libraries
 
 import math
 from collections.abc import Sequence
