@@ -469,13 +469,19 @@ def _zinc_roof(rng: np.random.Generator) -> _Image:
 
 
 def _tar_roof(rng: np.random.Generator) -> _Image:
-    roof = np.array([118.0, 112.0, 106.0]) * (1.0 + 0.05 * _noise(rng, _STRIP, 2) + 0.05 * _noise(rng, _STRIP, 13))[..., None]
+    roof = (
+        np.array([118.0, 112.0, 106.0])
+        * (1.0 + 0.05 * _noise(rng, _STRIP, 2) + 0.05 * _noise(rng, _STRIP, 13))[..., None]
+    )
     roof[::10] *= 0.88
     return roof
 
 
 def _gravel_roof(rng: np.random.Generator) -> _Image:
-    return np.array([172.0, 168.0, 160.0]) * (1.0 + 0.06 * _noise(rng, _STRIP, 1) + 0.04 * _noise(rng, _STRIP, 17))[..., None]
+    return (
+        np.array([172.0, 168.0, 160.0])
+        * (1.0 + 0.06 * _noise(rng, _STRIP, 1) + 0.04 * _noise(rng, _STRIP, 17))[..., None]
+    )
 
 
 def _membrane_roof(rng: np.random.Generator) -> _Image:

@@ -32,9 +32,9 @@ SKY_ZENITH = (104, 150, 204)
 """sRGB of the sky overhead."""
 
 _SUN = np.array([-0.45, -0.62, 0.64]) / math.sqrt(0.45**2 + 0.62**2 + 0.64**2)  # towards it: south-west, afternoon
-_SUNLIGHT = np.array([0.46, 0.43, 0.37])
-_SKYLIGHT = np.array([0.62, 0.64, 0.68])
-_CONTACT = 0.34  # light lost at the foot of a wall, fading with height
+_SUNLIGHT = np.array([0.44, 0.41, 0.35])
+_SKYLIGHT = np.array([0.70, 0.72, 0.76])
+_CONTACT = 0.24  # light lost at the foot of a wall, fading with height
 _CONTACT_HEIGHT = 5.0
 _FLOATING = 1.0  # metres above ground from which a prism is a bridge or a bay: no doors, but an underside
 _BLIND = 1.5  # metres below which a wall has no room for a window
@@ -44,15 +44,45 @@ _PAVED = 7.0  # metres of pavement around buildings
 _TINTS = tuple(
     np.array(tints)
     for tints in (
-        ((1.0, 0.99, 0.97), (1.0, 0.95, 0.84), (0.97, 0.90, 0.80), (0.93, 0.93, 0.92), (1.0, 0.92, 0.86), (0.90, 0.93, 0.95)),
-        ((1.0, 1.0, 1.0), (0.90, 0.86, 0.84), (1.0, 1.0, 0.90), (0.82, 0.80, 0.80), (1.0, 0.93, 0.88), (0.95, 1.0, 1.0)),
-        ((1.0, 1.0, 1.0), (0.92, 0.92, 0.94), (1.0, 0.97, 0.91), (0.86, 0.87, 0.88), (0.97, 0.93, 0.90), (0.94, 0.97, 0.95)),
-        ((1.0, 1.0, 1.0), (0.88, 0.95, 0.98), (0.92, 1.0, 0.97), (0.84, 0.87, 0.92), (1.0, 0.97, 0.92), (0.94, 0.94, 0.94)),
+        (
+            (1.0, 0.99, 0.97),
+            (1.0, 0.95, 0.84),
+            (0.97, 0.90, 0.80),
+            (0.93, 0.93, 0.92),
+            (1.0, 0.92, 0.86),
+            (0.90, 0.93, 0.95),
+        ),
+        (
+            (1.0, 1.0, 1.0),
+            (0.90, 0.86, 0.84),
+            (1.0, 1.0, 0.90),
+            (0.82, 0.80, 0.80),
+            (1.0, 0.93, 0.88),
+            (0.95, 1.0, 1.0),
+        ),
+        (
+            (1.0, 1.0, 1.0),
+            (0.92, 0.92, 0.94),
+            (1.0, 0.97, 0.91),
+            (0.86, 0.87, 0.88),
+            (0.97, 0.93, 0.90),
+            (0.94, 0.97, 0.95),
+        ),
+        (
+            (1.0, 1.0, 1.0),
+            (0.88, 0.95, 0.98),
+            (0.92, 1.0, 0.97),
+            (0.84, 0.87, 0.92),
+            (1.0, 0.97, 0.92),
+            (0.94, 0.94, 0.94),
+        ),
     )
 )  # per style, six to choose from
 
 # Share of the four styles, cumulated, for houses, wide low buildings, tall ones and towers.
-_STYLE_SHARES = np.array([[0.55, 0.88, 1.0, 1.0], [0.35, 0.60, 0.90, 1.0], [0.10, 0.30, 0.70, 1.0], [0.0, 0.10, 0.40, 1.0]])
+_STYLE_SHARES = np.array(
+    [[0.55, 0.88, 1.0, 1.0], [0.35, 0.60, 0.90, 1.0], [0.10, 0.30, 0.70, 1.0], [0.0, 0.10, 0.40, 1.0]]
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
