@@ -19,8 +19,8 @@ from mmi.impostor import DepthTexture, GridMesh
 
 __all__ = ["covered_window", "grid_mesh"]
 
-_FINEST = 8  # a quad is split into at most this many strips a side
-_UV_ERROR = 0.05  # texels, along each side of a quad: a tenth over the diagonal
+_FINEST = 8  # a quad is split into at most this many a side
+_UV_ERROR = 0.1  # texels
 
 
 def covered_window(texture: DepthTexture, *, quad: int) -> tuple[int, int, int, int] | None:
@@ -164,20 +164,16 @@ def _spread(inverse: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _splits(inverse: NDArray[np.float64], quad: int) -> NDArray[np.int64]:
-    """(rows, columns, 2): into how many strips (1, 2, 4 or 8) each quad is cut along x and along y.
+    """(rows, columns): into how many (1, 2, 4 or 8) a quad is cut each way.
 
-    Halfway along a side of ``quad`` texels between depths z0 and z1, perspective interpolation is off by
-    quad |z0 - z1| / (2 (z0 + z1)) texels; k strips divide that by k squared.
+    Halfway between two vertices whose coordinates differ by n texels and whose depths are z0 and z1, perspective
+    interpolation is off by n |z0 - z1| / (2 (z0 + z1)) texels. That is worst on the diagonal, and cutting a quad by k each
+    way divides both n and the difference of depths.
     """
-
-    def strips(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.int64]:
-        error = 0.5 * quad * np.abs(a - b) / (a + b)
-        needed = np.sqrt(error / _UV_ERROR)
-        return (2 ** np.ceil(np.log2(np.clip(needed, 1.0, _FINEST)))).astype(np.int64)
-
-    across = strips(inverse[:, :-1], inverse[:, 1:])  # (rows + 1, columns)
-    down = strips(inverse[:-1], inverse[1:])  # (rows, columns + 1)
-    return np.stack([np.maximum(across[:-1], across[1:]), np.maximum(down[:, :-1], down[:, 1:])], axis=-1)
+    corners = np.stack([inverse[:-1, :-1], inverse[:-1, 1:], inverse[1:, :-1], inverse[1:, 1:]])
+    high, low = corners.max(axis=0), corners.min(axis=0)
+    needed = np.sqrt(0.5 * quad * (high - low) / (high + low) / _UV_ERROR)
+    return np.asarray(2 ** np.ceil(np.log2(np.clip(needed, 1.0, _FINEST))), dtype=np.int64)
 
 
 @njit(cache=True)
@@ -191,8 +187,8 @@ def _triangulate(
     for r in range(rows):
         for c in range(columns):
             if keep[r, c]:
-                vertices += (splits[r, c, 0] + 1) * (splits[r, c, 1] + 1)
-                triangles += 2 * splits[r, c, 0] * splits[r, c, 1]
+                vertices += (splits[r, c] + 1) ** 2
+                triangles += 2 * splits[r, c] ** 2
     lattice = np.empty((vertices, 2))
     weights = np.empty(vertices)
     corners = np.empty((triangles, 3), dtype=np.int32)
@@ -201,23 +197,24 @@ def _triangulate(
         for c in range(columns):
             if not keep[r, c]:
                 continue
-            nx, ny = splits[r, c, 0], splits[r, c, 1]
-            for b in range(ny + 1):
-                for a in range(nx + 1):
-                    i, j = r * _FINEST + b * (_FINEST // ny), c * _FINEST + a * (_FINEST // nx)
+            k = splits[r, c]
+            step = _FINEST // k
+            for b in range(k + 1):
+                for a in range(k + 1):
+                    i, j = r * _FINEST + b * step, c * _FINEST + a * step
                     if index[i, j] >= 0:
                         continue
-                    s, t = a / nx, b / ny
+                    s, t = a / k, b / k
                     upper = inverse[r, c] * (1.0 - s) + inverse[r, c + 1] * s
                     lower = inverse[r + 1, c] * (1.0 - s) + inverse[r + 1, c + 1] * s
                     lattice[n, 0], lattice[n, 1] = j, i
                     weights[n] = upper * (1.0 - t) + lower * t
                     index[i, j] = n
                     n += 1
-            for b in range(ny):
-                for a in range(nx):
-                    i0, j0 = r * _FINEST + b * (_FINEST // ny), c * _FINEST + a * (_FINEST // nx)
-                    i1, j1 = i0 + _FINEST // ny, j0 + _FINEST // nx
+            for b in range(k):
+                for a in range(k):
+                    i0, j0 = r * _FINEST + b * step, c * _FINEST + a * step
+                    i1, j1 = i0 + step, j0 + step
                     corners[m, 0], corners[m, 1], corners[m, 2] = index[i0, j0], index[i1, j0], index[i1, j1]
                     corners[m + 1, 0], corners[m + 1, 1], corners[m + 1, 2] = (
                         index[i0, j0],
