@@ -104,20 +104,20 @@ def sweep(
 
 @njit(cache=True, error_model="numpy")
 def _sweep(
-    viewpoints,  # noqa: ANN001
-    solid_xy,  # noqa: ANN001
-    solid_starts,  # noqa: ANN001
-    solid_heights,  # noqa: ANN001
-    solid_boxes,  # noqa: ANN001
-    order,  # noqa: ANN001
-    wall_xy,  # noqa: ANN001
-    wall_starts,  # noqa: ANN001
-    wall_heights,  # noqa: ANN001
-    wall_boxes,  # noqa: ANN001
-    wall_owners,  # noqa: ANN001
-    seen,  # noqa: ANN001
-    rays,  # noqa: ANN001
-):  # noqa: ANN202
+    viewpoints: NDArray[np.float64],
+    solid_xy: NDArray[np.float64],
+    solid_starts: NDArray[np.int64],
+    solid_heights: NDArray[np.float64],
+    solid_boxes: NDArray[np.float64],
+    order: NDArray[np.int64],
+    wall_xy: NDArray[np.float64],
+    wall_starts: NDArray[np.int64],
+    wall_heights: NDArray[np.float64],
+    wall_boxes: NDArray[np.float64],
+    wall_owners: NDArray[np.int64],
+    seen: NDArray[np.bool_],
+    rays: NDArray[np.float64],
+) -> None:
     columns = len(rays)
     steps = np.empty((columns, _STAIRS, 2))
     counts = np.empty(columns, dtype=np.int64)
@@ -139,16 +139,18 @@ def _sweep(
 
 
 @njit(cache=True, error_model="numpy")
-def _hidden(column, distance, slope, steps, counts):  # noqa: ANN001, ANN202
+def _hidden(column: int, distance: float, slope: float, steps: NDArray[np.float64], counts: NDArray[np.int64]) -> bool:
     """Whether a point at ``distance`` and ``slope`` is behind and below a step of the column's staircase."""
     i = counts[column] - 1
     while i >= 0 and steps[column, i, 0] >= distance:
         i -= 1
-    return i >= 0 and steps[column, i, 1] >= slope
+    return bool(i >= 0 and steps[column, i, 1] >= slope)
 
 
 @njit(cache=True, error_model="numpy")
-def _add_step(column, distance, slope, steps, counts):  # noqa: ANN001, ANN202
+def _add_step(
+    column: int, distance: float, slope: float, steps: NDArray[np.float64], counts: NDArray[np.int64]
+) -> None:
     """Keeps the staircase sorted by distance with growing slopes."""
     n = counts[column]
     i = n
@@ -176,7 +178,9 @@ def _add_step(column, distance, slope, steps, counts):  # noqa: ANN001, ANN202
 
 
 @njit(cache=True, error_model="numpy")
-def _box_hidden(box, x, y, height, steps, counts):  # noqa: ANN001, ANN202
+def _box_hidden(
+    box: NDArray[np.float64], x: float, y: float, height: float, steps: NDArray[np.float64], counts: NDArray[np.int64]
+) -> bool:
     """Whether everything in ``box`` (min x, min y, max x, max y) below ``height`` over the eye is hidden."""
     columns = len(counts)
     x0, y0, x1, y1 = box[0] - x, box[1] - y, box[2] - x, box[3] - y
@@ -211,7 +215,17 @@ def _box_hidden(box, x, y, height, steps, counts):  # noqa: ANN001, ANN202
 
 
 @njit(cache=True, error_model="numpy")
-def _raise_horizon(xy, start, end, x, y, height, rays, steps, counts):  # noqa: ANN001, ANN202
+def _raise_horizon(
+    xy: NDArray[np.float64],
+    start: int,
+    end: int,
+    x: float,
+    y: float,
+    height: float,
+    rays: NDArray[np.float64],
+    steps: NDArray[np.float64],
+    counts: NDArray[np.int64],
+) -> None:
     """Walks a ring and adds a step to each column that a stretch of it crosses from its upper to its lower boundary.
 
     That is the side of the ring that faces the viewpoint: the solid is to the left, so azimuth falls along it.
@@ -258,7 +272,17 @@ def _raise_horizon(xy, start, end, x, y, height, rays, steps, counts):  # noqa: 
 
 
 @njit(cache=True, error_model="numpy")
-def _ring_seen(xy, start, end, x, y, height, rays, steps, counts):  # noqa: ANN001, ANN202
+def _ring_seen(
+    xy: NDArray[np.float64],
+    start: int,
+    end: int,
+    x: float,
+    y: float,
+    height: float,
+    rays: NDArray[np.float64],
+    steps: NDArray[np.float64],
+    counts: NDArray[np.int64],
+) -> bool:
     """Whether the top of an edge of the ring shows in a column that it touches. Edges that face away are left out."""
     columns = len(counts)
     scale = columns / (2.0 * math.pi)
@@ -289,11 +313,8 @@ def _ring_seen(xy, start, end, x, y, height, rays, steps, counts):  # noqa: ANN0
                 if column > down:
                     ray = column % columns
                     leaving = cross / (rays[ray, 0] * ey - rays[ray, 1] * ex)
-                if radial or abs(column - foot_column) <= 1 or not leaving >= foot:
-                    distance = foot
-                else:
-                    distance = min(nearest, leaving)
-                distance *= 1.0 - 1e-9
+                at_foot = radial or abs(column - foot_column) <= 1 or not leaving >= foot
+                distance = (foot if at_foot else min(nearest, leaving)) * (1.0 - 1e-9)
                 if not _hidden(column % columns, distance, height / distance, steps, counts):
                     return True
                 nearest = leaving

@@ -79,7 +79,7 @@ class HorizonScene:
     solid: NDArray[np.bool_]
 
 
-def prepare_horizon(city: City, *, shrink: float = 2.0, columns: int = 2048, levels: int = 16) -> HorizonScene:
+def prepare_horizon(city: City, *, shrink: float = 1.5, columns: int = 1024, levels: int = 12) -> HorizonScene:
     """Shrinks the city's occluders by ``shrink`` metres, at no more than ``levels`` heights; once a city.
 
     A smaller ``shrink`` gives smaller visible sets and needs more viewpoints; ``columns`` is the panorama's resolution.
@@ -239,8 +239,8 @@ def _narrowed(selection: Selection, visible: NDArray[np.int64]) -> Selection:
     )
 
 
-Identify = Callable[[View, NDArray[np.int64]], NDArray[np.int32]]
-"""(view, objects) -> (h, w): the object that each pixel of the view's window shows of ``objects``, -1 where none."""
+Identify = Callable[[NDArray[np.int64], View], NDArray[np.int32]]
+"""(objects, view) -> (h, w): the object that each pixel of the view's window shows of ``objects``, -1 where none."""
 
 
 def item_buffer_extractor(identify: Identify, *, resolution: int = 512, spacing: float = 4.0) -> Extractor:
@@ -266,7 +266,7 @@ def item_buffer_extractor(identify: Identify, *, resolution: int = 512, spacing:
             away = np.maximum(distances, _TOUCH)
             slopes = (spans - eye[2]) / away[:, None]
             for view in panorama(eye, resolution=resolution, rise=_most(slopes[:, 1]), fall=_most(-slopes[:, 1])):
-                shown = identify(view, selection.objects)
+                shown = identify(selection.objects, view)
                 seen[np.unique(shown[shown >= 0])] = True
         return _narrowed(selection, np.flatnonzero(seen))
 
@@ -282,11 +282,11 @@ def panorama(
 ) -> tuple[View, ...]:
     """Level views all around ``eye`` (3,), ``resolution`` pixels across each.
 
-    They show slopes (height over horizontal distance) from ``-fall`` to ``rise``, but none beyond 80 degrees.
+    They show slopes (height over horizontal distance) from ``-fall`` to ``rise``, but none beyond 75 degrees.
     """
     half = math.pi / sectors
     focal = 0.5 * resolution / math.tan(half)
-    steepest = math.tan(math.radians(80.0))
+    steepest = math.tan(math.radians(75.0))
     up, down = (math.ceil(focal * min(slope, steepest) / math.cos(half)) + 1 for slope in (rise, fall))
     window = (-(resolution // 2), -up, resolution, up + down)
     return tuple(level_view(eye, 2.0 * half * i, focal=focal, window=window) for i in range(sectors))

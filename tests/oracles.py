@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
 
@@ -24,7 +25,7 @@ class PrismRays:
             for prism in one.prisms:
                 for ring in (prism.footprint.exterior, *prism.footprint.interiors):
                     xy = np.asarray(ring.coords)
-                    walls += [(*a, *b, len(prisms)) for a, b in zip(xy[:-1], xy[1:], strict=True)]
+                    walls += [(*a, *b, len(prisms)) for a, b in itertools.pairwise(xy)]
                 prisms.append((i, prism.bottom, prism.top, *prism.footprint.bounds))
         self.walls = np.array(walls, dtype=np.float64)
         self.prisms = np.array(prisms, dtype=np.float64)
@@ -82,9 +83,9 @@ def _first_hits(origins, directions, walls, wall_starts, prisms, starts, members
                     if t < best:
                         best = t
                         hits[r] = int(prisms[members[m], 0])
-            elif (gx < 0 and dx <= 0.0) or (gy < 0 and dy <= 0.0):
-                break
-            elif (gx >= size[0] and dx >= 0.0) or (gy >= size[1] and dy >= 0.0):
+            elif (dx <= 0.0 if gx < 0 else dx >= 0.0 and gx >= size[0]) or (
+                dy <= 0.0 if gy < 0 else dy >= 0.0 and gy >= size[1]
+            ):
                 break
             tx = (low[0] + (gx + (dx > 0.0)) * bucket - x) / dx if dx != 0.0 else np.inf
             ty = (low[1] + (gy + (dy > 0.0)) * bucket - y) / dy if dy != 0.0 else np.inf
