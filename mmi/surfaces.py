@@ -1,4 +1,4 @@
-"""City objects as textured triangles: what captures render, what stays geometry, and the ground and sky around it.
+"""City objects as textured triangles: what captures render and what stays geometry.
 
 One mesh and one texture for the whole city (``mmi.facades``), ordered by object, so that any set of objects is one gather
 and one draw. Light is baked into vertex colours, which multiply the texture (both are sRGB bytes, multiplied as they
@@ -19,17 +19,11 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import Polygon
-from shapely.geometry.base import BaseGeometry
 
 from mmi import facades
 from mmi.city import City, CityObject
 
-__all__ = ["SKY_HORIZON", "SKY_ZENITH", "CityMesh", "build_city_mesh", "ground_mesh", "mesh_of", "sky_color"]
-
-SKY_HORIZON = (214, 224, 232)
-"""sRGB of the sky at and below the horizon."""
-SKY_ZENITH = (104, 150, 204)
-"""sRGB of the sky overhead."""
+__all__ = ["CityMesh", "build_city_mesh", "mesh_of", "triangulate"]
 
 _SUN = np.array([-0.45, -0.62, 0.64]) / math.sqrt(0.45**2 + 0.62**2 + 0.64**2)  # towards it: south-west, afternoon
 _SUNLIGHT = np.array([0.44, 0.41, 0.35])
@@ -39,7 +33,6 @@ _CONTACT_HEIGHT = 5.0
 _FLOATING = 1.0  # metres above ground from which a prism is a bridge or a bay: no doors, but an underside
 _BLIND = 1.5  # metres below which a wall has no room for a window
 _ROOF_STRIP_METRES = 8.0
-_PAVED = 7.0  # metres of pavement around buildings
 
 _TINTS = tuple(
     np.array(tints)
@@ -178,52 +171,17 @@ def mesh_of(city_mesh: CityMesh, objects: ArrayLike) -> CityMesh:
     )
 
 
-def ground_mesh(city: City, *, margin: float) -> CityMesh:
-    """Flat ground at ``city.ground``, ``margin`` metres beyond the city's bounds, as one object.
-
-    Carriageway, kerb, pavement (along streets and around buildings) and the rest are polygons cut out of each other:
-    they share their borders and lie in one plane, so nothing flickers. It goes on below buildings, and streets are drawn
-    on it even where they are bridges or tunnels.
-    """
-    x0, y0, x1, y1 = city.bounds
-    widths = [float(edge.get("half_width", 3.0)) for _, _, edge in city.streets.edges(data=True)]
-    lines = [edge["geometry"] for _, _, edge in city.streets.edges(data=True)]
-    border = max([margin, _PAVED + 1.0, *(width + 4.0 for width in widths)])
-    rest: BaseGeometry = shapely.box(x0 - border, y0 - border, x1 + border, y1 + border)
-    surfaces: list[tuple[BaseGeometry, tuple[float, float, float]]] = []
-    inner: BaseGeometry = Polygon()
-    yards = shapely.simplify([one.footprint for one in city.objects if one.base <= city.ground + _FLOATING], 0.5)
-    paved = shapely.buffer(yards, _PAVED, quad_segs=1)
-    for extra, color in ((0.0, (0.46, 0.46, 0.47)), (0.25, (0.86, 0.85, 0.82)), (2.75, (0.72, 0.70, 0.66))):
-        # The outline is thinned to a finger's breadth before anything is cut, so that all sides see the same border.
-        wide = shapely.buffer(lines, np.array(widths) + extra, quad_segs=3)
-        outer = shapely.union_all(np.concatenate([wide, paved]) if extra > 1.0 else wide).simplify(0.02)
-        surfaces.append((shapely.difference(shapely.union(outer, inner), inner), color))
-        inner = shapely.union(outer, inner)
-    surfaces.append((shapely.difference(rest, inner), (0.63, 0.64, 0.56)))
-    parts = []
-    for shape, color in surfaces:
-        for polygon in shapely.get_parts(shape):
-            if polygon.geom_type != "Polygon" or polygon.is_empty:
-                continue
-            points, triangles = _triangulate(polygon)
-            n = len(points)
-            parts.append(
-                _Part(
-                    positions=np.column_stack([points, np.full(n, city.ground)]),
-                    uv=(points - (x0, y0)) / 12.8,
-                    colors=np.broadcast_to(np.array(color), (n, 3)),
-                    triangles=triangles,
-                    owners=np.zeros(n, dtype=np.int64),
-                )
-            )
-    return _assemble(parts, 1, facades.ground_texture())
-
-
-def sky_color(directions: ArrayLike) -> NDArray[np.uint8]:
-    """sRGB of the sky towards ``directions`` (..., 3), unit vectors -> (..., 3) uint8; below the horizon, its colour there."""
-    up = np.clip(np.asarray(directions, dtype=np.float64)[..., 2:], 0.0, 1.0) ** 0.6
-    return np.rint(np.array(SKY_HORIZON) * (1.0 - up) + np.array(SKY_ZENITH) * up).astype(np.uint8)
+def triangulate(polygon: Polygon) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Points (n, 2) of a polygon's rings and triangles (m, 3) that fill it, counter-clockwise."""
+    rings = [shapely.get_coordinates(ring)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
+    points = np.concatenate(rings)
+    ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
+    origin = points[0]  # near zero, where float64 is finest
+    triangles = mapbox_earcut.triangulate_float64(points - origin, ends).reshape(-1, 3).astype(np.int64)
+    p, q, r = (points[triangles[:, i]] - origin for i in range(3))
+    turned = (q[:, 0] - p[:, 0]) * (r[:, 1] - p[:, 1]) < (q[:, 1] - p[:, 1]) * (r[:, 0] - p[:, 0])
+    triangles[turned] = triangles[turned][:, ::-1]
+    return points, triangles
 
 
 # ------------------------------------------------------------------------------------------------------- looks
@@ -341,7 +299,7 @@ class _Cap:
 
 
 def _caps(polygon: Polygon, bottom: float, top: float, ground: float) -> _Cap:
-    points, triangles = _triangulate(polygon)
+    points, triangles = triangulate(polygon)
     return _Cap(points, triangles, top, bottom if bottom > ground + _FLOATING else None)
 
 
@@ -397,19 +355,6 @@ def _own_mesh(one: CityObject, index: int, looks: _Looks) -> _Part:
 
 
 # ----------------------------------------------------------------------------------------------------- mechanics
-
-
-def _triangulate(polygon: Polygon) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Points (n, 2) of a polygon's rings and triangles (m, 3) that fill it, counter-clockwise."""
-    rings = [shapely.get_coordinates(ring)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
-    points = np.concatenate(rings)
-    ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
-    origin = points[0]  # near zero, where float64 is finest
-    triangles = mapbox_earcut.triangulate_float64(points - origin, ends).reshape(-1, 3).astype(np.int64)
-    p, q, r = (points[triangles[:, i]] - origin for i in range(3))
-    turned = (q[:, 0] - p[:, 0]) * (r[:, 1] - p[:, 1]) < (q[:, 1] - p[:, 1]) * (r[:, 0] - p[:, 0])
-    triangles[turned] = triangles[turned][:, ::-1]
-    return points, triangles
 
 
 def _strip_uv(points: NDArray[np.float64], v_top: float, v_bottom: float) -> NDArray[np.float64]:
