@@ -36,7 +36,10 @@ def sampled(a, b, p, q, signed):
         return base + np.unwrap(values - base) if signed else np.abs(values)
 
     base = angles(a, b, p[None])[0] if signed else 0.0
-    t = np.unique(np.concatenate([[0.0], np.linspace(0.0, 1.0, 2001)]))
+    # More samples where the segment passes a point closely, and the angle may dip or peak within centimetres.
+    near = np.concatenate([-np.geomspace(1.0, 1e-6, 400), [0.0], np.geomspace(1e-6, 1.0, 400)])
+    feet = [(x - p) @ (q - p) / ((q - p) @ (q - p)) for x in (a, b)]
+    t = np.unique(np.clip(np.concatenate([np.linspace(0.0, 1.0, 1001), *(foot + near for foot in feet)]), 0.0, 1.0))
     values = evaluate(t)
     result = []
     for sign in (1.0, -1.0):
