@@ -1,1 +1,231 @@
-"""Cities in: OpenStreetMap extracts and GIS files become a :class:`mmi.city.City`, with a report of what was done to them."""
+"""Cities in: OpenStreetMap extracts and GIS files become a :class:`mmi.city.City`, with a report of what was done to them.
+
+``read_city`` tells the way from file to city top to bottom: read (``osm``, ``footprints``), agree on a CRS and a local frame
+(``frame``), mend and raise the buildings (``repair``, ``heights``, ``buildings``), knit the streets (``streets``), and account
+for everything (``report``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from pyproj import CRS
+
+from mmi.city import City
+from mmi.errors import CityError, ParameterError
+from mmi.io.buildings import merge_blocks, objects_from_outlines
+from mmi.io.footprints import GDAL_SUFFIXES, read_footprints, read_street_lines
+from mmi.io.frame import (
+    Box,
+    agree_on_crs,
+    box_to_frame,
+    check_not_swapped,
+    choose_frame,
+    coordinate_bounds,
+    lonlat_bounds,
+    meets_box,
+    parse_crs,
+    to_frame,
+)
+from mmi.io.osm import is_osm, read_osm
+from mmi.io.raw import BuildingLayer, StreetLayer
+from mmi.io.report import CityReport, Ledger, Tally
+from mmi.io.streets import graph_from_lines
+
+__all__ = ["CityReport", "Tally", "read_city"]
+
+_GROUND = 0.0
+
+
+def read_city(
+    path: Path,
+    *,
+    streets: Path | None = None,
+    crs: str | None = None,
+    network: str = "drive",
+    objects: str = "buildings",
+    clip: tuple[float, float, float, float] | None = None,
+    height_column: str | None = None,
+    levels_column: str | None = None,
+    id_column: str | None = None,
+    buildings_layer: str | None = None,
+    streets_layer: str | None = None,
+) -> tuple[City, CityReport]:
+    """Read the buildings and streets of ``path`` (streets from ``streets`` if given) into a local metric frame.
+
+    Args:
+        path: OpenStreetMap ``.osm`` or ``.osm.pbf``, a file that GDAL reads, or a folder of those.
+        streets: a second file of any of these formats.
+        crs: replaces the CRS that a file declares or lacks (never OpenStreetMap's).
+        network: which streets: ``drive`` (cars), ``walk``, ``all``.
+        objects: ``buildings``, or ``blocks`` of touching buildings.
+        clip: west, south, east, north in degrees; buildings that meet the box stay whole, streets are cut at it.
+        height_column: column of heights in metres; likewise ``levels_column`` and ``id_column``. Guessed if None.
+        buildings_layer: layer (or comma-separated layers) of buildings; ``streets_layer`` likewise. Guessed if None.
+
+    Returns:
+        The city, ground at height 0, and the account of everything that was read.
+
+    Raises:
+        CityError: the files do not hold a usable city; one line says what was found, where, and what to do.
+        ParameterError: an option means nothing.
+    """
+    _check_options(network, objects, clip)
+    override = None if crs is None else parse_crs(crs)
+    for file in (path, streets):
+        if file is not None and not file.exists():
+            raise CityError(f"{file}: no such file or folder")
+    ledger = Ledger()
+    try:
+        buildings = _read_buildings(
+            path,
+            ledger,
+            layer=buildings_layer,
+            height_column=height_column,
+            levels_column=levels_column,
+            id_column=id_column,
+        )
+        lines = _read_streets(path, streets, ledger, layer=streets_layer, buildings=buildings)
+    except OSError as error:
+        raise CityError(f"{error.filename or path}: cannot be read: {error.strerror or error}") from error
+    building_crs, street_crs = agree_on_crs(buildings, lines, override)
+    check_not_swapped(buildings.file, [item.geometry for item in buildings.items], building_crs)
+    if clip is not None:
+        buildings, lines = _clip_layers(buildings, lines, building_crs, street_crs, clip, ledger)
+    bounds = coordinate_bounds([item.geometry for item in buildings.items])
+    frame = choose_frame(bounds, building_crs, lonlat_bounds(buildings.file, bounds, building_crs))
+    if frame.why and not building_crs.is_geographic:
+        ledger.warn(f"{buildings.file}: {frame.why}")
+
+    shapes = to_frame([item.geometry for item in buildings.items], building_crs, frame)
+    solids = objects_from_outlines(buildings, shapes, ledger, ground=_GROUND)
+    ledger.note("kept", "buildings", count=len(solids))
+    if objects == "blocks":
+        solids = merge_blocks(solids, ledger)
+        ledger.note("kept", "objects (blocks)", count=len(solids))
+    ledger.note("kept", "prisms", count=sum(len(one.prisms) for one in solids))
+
+    flat = to_frame([line for item in lines.items for line in item.lines], street_crs, frame)
+    ends = np.cumsum([len(item.lines) for item in lines.items])
+    graph = graph_from_lines(
+        lines,
+        [list(own) for own in np.split(flat, ends[:-1])],
+        solids,
+        ledger,
+        network=network,
+        ground=_GROUND,
+        window=None if clip is None else box_to_frame(clip, frame),
+    )
+    metres = sum(edge["geometry"].length for _, _, edge in graph.edges(data=True))
+    ledger.note("kept", "street edges between junctions", count=graph.number_of_edges(), metres=metres)
+    city = City(solids, graph, frame.crs, frame.origin, path.name, _GROUND)
+    return city, ledger.report(source=path.name, crs=frame.crs, origin=frame.origin)
+
+
+def _check_options(network: str, objects: str, clip: Box | None) -> None:
+    if network not in {"drive", "walk", "all"}:
+        raise ParameterError(f"--network: expected drive, walk or all, found {network!r}")
+    if objects not in {"buildings", "blocks"}:
+        raise ParameterError(f"--objects: expected buildings or blocks, found {objects!r}")
+    if clip is not None:
+        west, south, east, north = clip
+        if not (-180 <= west < east <= 180 and -90 <= south < north <= 90):
+            raise ParameterError(f"--clip: expected west < east and south < north in degrees, found {clip}")
+
+
+def _the_file(path: Path) -> Path:
+    """``path``, or the one OpenStreetMap file in a folder that holds nothing else to read."""
+    if not path.is_dir():
+        return path
+    inside = sorted(one for one in path.iterdir() if one.is_file())
+    extracts = [one for one in inside if one.name.lower().endswith((".osm", ".pbf"))]
+    alone = len(extracts) == 1 and not any(one.suffix.lower() in GDAL_SUFFIXES for one in inside)
+    return extracts[0] if alone else path
+
+
+def _read_buildings(
+    path: Path,
+    ledger: Ledger,
+    *,
+    layer: str | None,
+    height_column: str | None,
+    levels_column: str | None,
+    id_column: str | None,
+) -> BuildingLayer:
+    """The buildings of ``path``, at least one."""
+    file = _the_file(path)
+    if file.is_file() and is_osm(file):
+        named = {
+            "--buildings-layer": layer,
+            "--height-column": height_column,
+            "--levels-column": levels_column,
+            "--id-column": id_column,
+        }
+        for option, value in named.items():
+            if value is not None:
+                raise ParameterError(
+                    f"{option}: {file} is OpenStreetMap, which has neither layers nor columns; found {value!r}"
+                )
+        found, _ = read_osm(file, ledger, buildings=True, streets=False)
+    else:
+        found = read_footprints(
+            file,
+            ledger,
+            layer=layer,
+            height_column=height_column,
+            levels_column=levels_column,
+            id_column=id_column,
+        )
+    if not found.items:
+        lost = ledger.count("left out")
+        raise CityError(
+            f"{file}: no buildings; expected outlines tagged building, or polygons"
+            + (f" ({lost} unusable)" if lost else "")
+        )
+    return found
+
+
+def _read_streets(
+    path: Path, streets: Path | None, ledger: Ledger, *, layer: str | None, buildings: BuildingLayer
+) -> StreetLayer:
+    """The streets of ``streets``, or of ``path``: at least one line."""
+    file = _the_file(path if streets is None else streets)
+    found: StreetLayer | None
+    if file.is_file() and is_osm(file):
+        if layer is not None:
+            raise ParameterError(f"--streets-layer: {file} is OpenStreetMap, which has no layers; found {layer!r}")
+        _, found = read_osm(file, ledger, buildings=False, streets=True)
+    else:
+        found = read_street_lines(file, ledger, layer=layer)
+    if found is None or not found.items:
+        also = any("height" in item.tags or "building:levels" in item.tags for item in buildings.items)
+        nor = "" if also else ", nor has any building a height (--height-column, --levels-column)"
+        raise CityError(
+            f"{file}: no streets: no line layer or highways in it{nor}; expected them here or as --streets FILE"
+        )
+    return found
+
+
+def _clip_layers(
+    buildings: BuildingLayer, lines: StreetLayer, building_crs: CRS, street_crs: CRS, clip: Box, ledger: Ledger
+) -> tuple[BuildingLayer, StreetLayer]:
+    """Only what meets the box by its own bounding box; the rest is counted."""
+    near = meets_box([item.geometry for item in buildings.items], building_crs, clip)
+    for item, inside in zip(buildings.items, near, strict=True):
+        if not inside:
+            ledger.note("left out", "building: outside --clip", item.id)
+    street_near = [bool(meets_box(item.lines, street_crs, clip).any()) for item in lines.items]
+    for street, inside in zip(lines.items, street_near, strict=True):
+        if not inside:
+            ledger.note("left out", "street: outside --clip", street.id)
+    for kind, file, left in (("buildings", buildings.file, any(near)), ("streets", lines.file, any(street_near))):
+        if not left:
+            raise CityError(
+                f"{file}: no {kind} within --clip {','.join(f'{one:g}' for one in clip)} (west,south,east,north in degrees)"
+            )
+    return (
+        replace(buildings, items=tuple(item for item, inside in zip(buildings.items, near, strict=True) if inside)),
+        replace(lines, items=tuple(item for item, inside in zip(lines.items, street_near, strict=True) if inside)),
+    )

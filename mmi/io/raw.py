@@ -1,0 +1,64 @@
+"""What the readers hand over: outlines and street lines with tags, in the coordinates of their file.
+
+Tags speak OpenStreetMap's vocabulary whatever the file was (``height``, ``building:levels``, ``highway``, ...): readers of
+other formats translate their columns. Nothing here is repaired, projected or judged yet.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pyproj
+from shapely.geometry import LineString
+from shapely.geometry.base import BaseGeometry
+
+__all__ = ["BuildingLayer", "RawBuilding", "RawStreet", "StreetLayer", "is_yes"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawBuilding:
+    """A building or building part as found: any geometry with polygons in it."""
+
+    id: str
+    geometry: BaseGeometry
+    tags: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawStreet:
+    """A street as found: ``lines``, and for OpenStreetMap the node ids of each line's points (junctions = shared ids)."""
+
+    id: str
+    lines: tuple[LineString, ...]
+    tags: dict[str, str]
+    nodes: tuple[tuple[int, ...], ...] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BuildingLayer:
+    """All buildings of a source. ``crs`` is None where the file declares none; ``crs_certain`` where the format fixes it.
+
+    ``height_label`` and ``levels_label`` say where heights were looked for (``"column HAUTEUR"``), for report and errors.
+    """
+
+    file: str
+    items: tuple[RawBuilding, ...]
+    crs: pyproj.CRS | None
+    crs_certain: bool
+    height_label: str
+    levels_label: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StreetLayer:
+    """All streets of a source; ``crs`` and ``crs_certain`` as in ``BuildingLayer``."""
+
+    file: str
+    items: tuple[RawStreet, ...]
+    crs: pyproj.CRS | None
+    crs_certain: bool
+
+
+def is_yes(value: str | None) -> bool:
+    """True for a flag that is set: present and not one of the ways to write no."""
+    return value is not None and value.strip().lower() not in {"", "no", "n", "false", "f", "0", "none"}
