@@ -25,8 +25,9 @@ from mmi.city import City
 from mmi.dataset import Dataset, DatasetFolder
 from mmi.errors import DatasetError
 from mmi.glb import GlbImage, GlbNode, GlbPrimitive, GlbScene, glb_bytes, read_glb
+from mmi.ground import ground_mesh
 from mmi.impostor import DepthTexture, GridMesh, Impostor, Layer
-from mmi.surfaces import CityMesh, build_city_mesh, ground_mesh
+from mmi.surfaces import CityMesh, build_city_mesh
 
 __all__ = ["cell_entry", "city_glb", "read_impostor", "stored_cell", "write_cell_files"]
 
@@ -53,7 +54,9 @@ def write_cell_files(folder: DatasetFolder, city: City, impostor: Impostor) -> d
     place[impostor.far] = np.arange(1, len(impostor.far) + 1)
     files = {"glb": folder.write(f"{name}.glb", glb_bytes(_scene(impostor)))}
     if impostor.layers:
-        parts = [_part(layer, place) for layer in impostor.layers]
+        corners = np.array([layer.texture.view.window for layer in impostor.layers], dtype=np.int32)
+        first, last = corners[:, :2].min(axis=0), (corners[:, :2] + corners[:, 2:]).max(axis=0) - 1
+        parts = [_part(layer, place, (first, last)) for layer in impostor.layers]
         files["exr"] = folder.write_with(f"{name}.exr", lambda path: OpenEXR.File(parts).write(str(path)))
     return files
 
@@ -153,8 +156,10 @@ def _name(layer: Layer) -> str:
     return f"s{layer.sector}.l{layer.index}"
 
 
-def _part(layer: Layer, place: NDArray[np.uint32]) -> OpenEXR.Part:
-    """One part of the EXR: RGBA, Z, id."""
+def _part(
+    layer: Layer, place: NDArray[np.uint32], display: tuple[NDArray[np.int32], NDArray[np.int32]]
+) -> OpenEXR.Part:
+    """One part of the EXR: RGBA, Z, id. All parts of a file have the same ``display`` window."""
     view, covered = layer.texture.view, layer.texture.coverage
     left, top, width, height = view.window
     rgba = np.zeros((height, width, 4), dtype=np.float16)
@@ -167,7 +172,7 @@ def _part(layer: Layer, place: NDArray[np.uint32]) -> OpenEXR.Part:
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
         "dataWindow": window,
-        "displayWindow": window,
+        "displayWindow": display,
         "focal": float(view.focal),
     }
     channels = {"RGBA": rgba, "Z": np.array(layer.texture.depth), "id": place[layer.texture.object_ids]}

@@ -1,0 +1,363 @@
+"""The programs ``build-impostors`` and ``inspect-layers``: options in, one line for every mistake, exit status 0, 2 or 130."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from mmi.camera import Camera
+from mmi.errors import MmiError, ParameterError
+from mmi.parameters import LAYERINGS, VISIBILITIES, WEIGHTS, BuildParameters
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from mmi.farm import BuildSummary
+    from mmi.io import CityReport
+
+__all__ = ["build_impostors", "inspect_layers"]
+
+_BUILD_EXAMPLE = """\
+examples:
+  build-impostors examples/helsinki/helsinki.osm.pbf -o out/helsinki --max-cells 24
+  build-impostors buildings.shp --streets roads.shp -o out/town --display 1920x1080 --max-error 5
+
+The same command resumes a build that was stopped, and after a change of the city rebuilds what the change touches.
+"""
+_INSPECT_EXAMPLE = """\
+example:
+  inspect-layers out/helsinki -o out/plots
+  inspect-layers out/helsinki --cell 0017-00 -o out/plots
+"""
+
+
+def build_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
+    """``build-impostors CITY -o OUT``: a dataset of multi-mesh impostors from a city."""
+    parser = _build_parser()
+    _run(parser, arguments, _build)
+
+
+def inspect_layers(arguments: Sequence[str] | None = None) -> NoReturn:
+    """``inspect-layers OUT -o DIR``: pictures of what was built, and why."""
+    parser = _Parser(
+        prog="inspect-layers",
+        description="Plots of a dataset: bird's-eye view and event graph of cells, their layers, and histograms.",
+        epilog=_INSPECT_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("dataset", type=Path, metavar="OUT", help="folder that build-impostors wrote")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the pictures")
+    parser.add_argument(
+        "--cell", action="append", metavar="ID", help="a cell to plot (again for more; default: one typical)"
+    )
+    parser.add_argument("--json", action="store_true", help="list the files written as JSON on standard output")
+    _run(parser, arguments, _inspect)
+
+
+class _Parser(argparse.ArgumentParser):
+    """One line for a wrong command line, like for every other mistake."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+
+def _run(parser: _Parser, arguments: Sequence[str] | None, program: Callable[[argparse.Namespace], None]) -> NoReturn:
+    """Parse, run, and turn every expected failure into one line and an exit status."""
+    options = parser.parse_args(arguments)
+    try:
+        program(options)
+        sys.stdout.flush()
+    except MmiError as error:
+        parser.exit(2, f"{parser.prog}: error: {' '.join(str(error).split())}\n")
+    except KeyboardInterrupt:
+        parser.exit(
+            130, f"{parser.prog}: interrupted; what was finished is kept, the same command goes on from there\n"
+        )
+    except BrokenPipeError:  # whoever read our output has left: say nothing more, to nobody
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        parser.exit(2, f"{parser.prog}: error: {where}{error.strerror or error}\n")
+    sys.exit(0)
+
+
+# ----------------------------------------------------------------------------------------------- build-impostors
+
+
+def _build_parser() -> _Parser:
+    parser = _Parser(
+        prog="build-impostors",
+        description="Turn a city into multi-mesh impostors: for each stretch of street, nearby buildings as geometry and "
+        "the rest as a few layers of textured depth meshes, in one folder.",
+        epilog=_BUILD_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    default = BuildParameters()
+    parser.add_argument(
+        "city",
+        type=Path,
+        metavar="CITY",
+        help="OpenStreetMap .osm or .osm.pbf, or footprints in a format that GDAL reads",
+    )
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="folder of the dataset")
+
+    city = parser.add_argument_group("the city")
+    city.add_argument("--streets", type=Path, metavar="FILE", help="streets, where CITY holds only buildings")
+    city.add_argument(
+        "--crs", metavar="CRS", help="coordinate system, where a file declares none or a wrong one (EPSG:32632)"
+    )
+    city.add_argument(
+        "--network", choices=("drive", "walk", "all"), default="drive", help="which streets (default: drive)"
+    )
+    city.add_argument(
+        "--objects",
+        choices=("buildings", "blocks"),
+        default="buildings",
+        help="what layers are made of (default: buildings)",
+    )
+    city.add_argument("--clip", type=_box, metavar="W,S,E,N", help="only what lies in this box, degrees")
+    city.add_argument("--height-column", metavar="NAME", help="column of heights in metres (default: guessed)")
+    city.add_argument("--levels-column", metavar="NAME", help="column of numbers of storeys (default: guessed)")
+    city.add_argument("--id-column", metavar="NAME", help="column of object ids (default: guessed)")
+    city.add_argument("--buildings-layer", metavar="NAME", help="layer of CITY with the buildings (default: guessed)")
+    city.add_argument("--streets-layer", metavar="NAME", help="layer with the streets (default: guessed)")
+
+    quality = parser.add_argument_group("the error, and the display that it refers to")
+    quality.add_argument(
+        "--max-error", type=float, default=default.max_error_px, metavar="PX", help="pixels (default: %(default)g)"
+    )
+    quality.add_argument("--display", type=_size, default=(512, 512), metavar="WxH", help="pixels (default: 512x512)")
+    quality.add_argument("--fov", type=float, default=60.0, metavar="DEG", help="across the display (default: 60)")
+
+    method = parser.add_argument_group("how")
+    method.add_argument("--visibility", choices=VISIBILITIES, default=default.visibility, help="default: %(default)s")
+    method.add_argument("--weights", choices=WEIGHTS, default=default.weights, help="default: %(default)s")
+    method.add_argument("--layering", choices=LAYERINGS, default=default.layering, help="default: %(default)s")
+    near = method.add_mutually_exclusive_group()
+    near.add_argument(
+        "--near-distance",
+        type=float,
+        default=default.near_distance,
+        metavar="M",
+        help="objects nearer than this stay geometry (default: %(default)g)",
+    )
+    near.add_argument("--near-triangles", type=int, metavar="N", help="or: the nearest, up to so many triangles")
+    method.add_argument(
+        "--landmark",
+        type=_landmark,
+        action="append",
+        default=[],
+        metavar="ID=FACTOR",
+        help="multiply the weights of this object (again for more)",
+    )
+    method.add_argument(
+        "--cell-length",
+        type=float,
+        default=default.cell_length,
+        metavar="M",
+        help="longest cell (default: %(default)g)",
+    )
+    method.add_argument(
+        "--eye", type=_band, default=default.eye, metavar="LOW,HIGH", help="eye heights, metres (default: 1.5,1.9)"
+    )
+    method.add_argument(
+        "--sectors", type=int, default=default.sectors, metavar="N", help="views around (default: %(default)s)"
+    )
+    method.add_argument(
+        "--quad", type=int, default=default.quad, metavar="TEXELS", help="side of a mesh cell (default: %(default)s)"
+    )
+    method.add_argument(
+        "--supersample",
+        type=int,
+        default=default.supersample,
+        metavar="N",
+        help="1, 3 or 5 colour samples a side (default: 1)",
+    )
+
+    work = parser.add_argument_group("the work")
+    some = work.add_mutually_exclusive_group()
+    some.add_argument("--cells", type=_names, metavar="IDS", help="only these cells (0017-00,0017-01)")
+    some.add_argument("--max-cells", type=int, metavar="N", help="N cells spread over the city, for a first look")
+    work.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    work.add_argument(
+        "--json", action="store_true", help="the report as JSON on standard output, and nothing else there"
+    )
+    work.add_argument("--quiet", action="store_true", help="no progress, no tables")
+    return parser
+
+
+def _build(options: argparse.Namespace) -> None:
+    parameters = BuildParameters(
+        max_error_px=options.max_error,
+        camera=Camera(*options.display, math.radians(options.fov)),
+        near_distance=options.near_distance,
+        near_triangles=options.near_triangles,
+        visibility=options.visibility,
+        weights=options.weights,
+        layering=options.layering,
+        landmarks=tuple(sorted(options.landmark)),
+        sectors=options.sectors,
+        quad=options.quad,
+        supersample=options.supersample,
+        cell_length=options.cell_length,
+        eye=options.eye,
+    )
+    workers = options.workers if options.workers is not None else len(os.sched_getaffinity(0))
+    if workers < 1:
+        raise ParameterError(f"--workers: a number of at least 1 expected, found {workers}")
+
+    from rich.console import Console
+
+    from mmi.farm import build_dataset
+    from mmi.io import read_city
+
+    talk = Console(stderr=options.json, quiet=options.quiet, highlight=False)
+    city, report = read_city(
+        options.city,
+        streets=options.streets,
+        crs=options.crs,
+        network=options.network,
+        objects=options.objects,
+        clip=options.clip,
+        height_column=options.height_column,
+        levels_column=options.levels_column,
+        id_column=options.id_column,
+        buildings_layer=options.buildings_layer,
+        streets_layer=options.streets_layer,
+    )
+    _print_report(talk, report)
+    with _progress(options.quiet) as advance:
+        summary = build_dataset(
+            city,
+            options.output,
+            parameters,
+            cells=options.cells,
+            max_cells=options.max_cells,
+            workers=workers,
+            progress=advance,
+        )
+    _print_summary(talk, summary, options.output)
+    if options.json:
+        print(json.dumps({"city": report.as_dict(), "build": _plain(summary)}, indent=1))
+
+
+def _print_report(talk: Console, report: CityReport) -> None:
+    from rich.table import Table
+
+    table = Table(title=f"{report.source}, {report.crs}", title_justify="left", box=None, pad_edge=False)
+    for heading in ("", "what", "count", ""):
+        table.add_column(heading, justify="right" if heading == "count" else "left", overflow="fold")
+    last = ""
+    for section, what, count, detail in report.rows():
+        if section != "warning":
+            table.add_row("" if section == last else section, what, count, detail)
+        last = section
+    talk.print(table)
+    for warning in report.warnings:
+        talk.print(f"warning: {warning}", soft_wrap=True)
+
+
+class _progress:  # noqa: N801
+    """A progress bar on standard error, as a context manager that yields what to call after each cell."""
+
+    def __init__(self, quiet: bool) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        self._bar = Progress(
+            TextColumn("cells"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            TextColumn("{task.description}"),
+            console=Console(stderr=True),
+            disable=quiet or not sys.stderr.isatty(),
+            transient=True,
+        )
+        self._task = self._bar.add_task("preparing", total=None)
+
+    def __enter__(self) -> Callable[[int, int, str], None]:
+        self._bar.start()
+        return lambda done, total, cell: self._bar.update(self._task, completed=done, total=total, description=cell)
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+
+def _print_summary(talk: Console, summary: BuildSummary, out: Path) -> None:
+    made = [f"{summary.built} cells built"]
+    if summary.complete:
+        made.append(f"{summary.complete} were complete")
+    if summary.unchanged:
+        made.append(f"{summary.unchanged} see nothing that has changed")
+    talk.print(f"{', '.join(made)}, in {summary.seconds:.1f} s with {summary.workers} worker(s)", end="")
+    if summary.built:
+        talk.print(f" ({summary.built / summary.seconds:.1f} cells/s)", end="")
+    talk.print(f"; peak memory {summary.peak_memory_bytes / 1e6:.0f} MB")
+    talk.print(f"{out}: {summary.cells} cells, {summary.bytes / 1e6:.1f} MB", soft_wrap=True)
+
+
+def _plain(summary: BuildSummary) -> dict[str, Any]:
+    return {name: getattr(summary, name) for name in summary.__slots__}
+
+
+# ------------------------------------------------------------------------------------------------ inspect-layers
+
+
+def _inspect(options: argparse.Namespace) -> None:
+    from mmi.dataset import open_dataset
+    from mmi.inspection import inspect_dataset
+
+    written = inspect_dataset(open_dataset(options.dataset), options.output, cells=options.cell)
+    if options.json:
+        print(json.dumps([str(path) for path in written], indent=1))
+    else:
+        for path in written:
+            print(path)
+
+
+# ------------------------------------------------------------------------------------------------- option values
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError(f"WIDTHxHEIGHT in pixels expected, such as 1920x1080, found {text!r}")
+    return int(width), int(height)
+
+
+def _numbers(text: str, count: int, expected: str) -> list[float]:
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(map(math.isfinite, values)):
+        raise argparse.ArgumentTypeError(f"{expected} expected, found {text!r}")
+    return values
+
+
+def _box(text: str) -> tuple[float, ...]:
+    return tuple(_numbers(text, 4, "west,south,east,north in degrees"))
+
+
+def _band(text: str) -> tuple[float, ...]:
+    return tuple(_numbers(text, 2, "lowest,highest eye height in metres"))
+
+
+def _landmark(text: str) -> tuple[str, float]:
+    name, found, factor = text.rpartition("=")
+    try:
+        return name, float(factor) if found and name else float("nan")
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"ID=FACTOR expected, such as way/123=4, found {text!r}") from None
+
+
+def _names(text: str) -> list[str]:
+    return [name for name in text.split(",") if name]
