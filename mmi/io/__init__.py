@@ -62,8 +62,11 @@ def read_city(
         network: which streets: ``drive`` (cars), ``walk``, ``all``.
         objects: ``buildings``, or ``blocks`` of touching buildings.
         clip: west, south, east, north in degrees; buildings that meet the box stay whole, streets are cut at it.
-        height_column: column of heights in metres; likewise ``levels_column`` and ``id_column``. Guessed if None.
-        buildings_layer: layer (or comma-separated layers) of buildings; ``streets_layer`` likewise. Guessed if None.
+        height_column: column of heights in metres; like all names below guessed if None.
+        levels_column: column of numbers of levels.
+        id_column: column of ids that stay the same when the file changes.
+        buildings_layer: layer of buildings, or several with commas between.
+        streets_layer: layer of streets, or several with commas between.
 
     Returns:
         The city, ground at height 0, and the account of everything that was read.

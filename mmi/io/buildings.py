@@ -19,7 +19,7 @@ from shapely.geometry import Polygon
 
 from mmi.city import CityObject, Prism
 from mmi.errors import CityError
-from mmi.io.heights import Heights, heights_from_neighbours, heights_from_tags, settle_span
+from mmi.io.heights import OPEN_ROOF_HEIGHT, Heights, heights_from_neighbours, heights_from_tags, settle_span
 from mmi.io.raw import BuildingLayer, RawBuilding, is_yes
 from mmi.io.repair import clean_outlines, cut_overlaps, find_duplicates, solid_polygons
 from mmi.io.report import Ledger
@@ -153,18 +153,25 @@ def _tops(layer: BuildingLayer, outlines: list[_Outline], owner: list[int], ledg
     xy = shapely.get_coordinates(shapely.centroid([shapely.multipolygons(one.polygons) for one in outlines]))
     known = np.array([one.heights.top is not None for one in outlines])
     if not known.any():
+        looked = " and ".join(label for label in (layer.height_label, layer.levels_label) if label) or "any column"
         raise CityError(
-            f"{layer.file}: none of {len(outlines)} buildings has a height; expected height or building:levels (looked in "
-            f"{layer.height_label}, {layer.levels_label}): name the column with --height-column or --levels-column"
+            f"{layer.file}: none of {len(outlines)} buildings has a height: expected metres or levels, found nothing in "
+            f"{looked}; name the column with --height-column or --levels-column, or use a file that has heights"
         )
     tops = np.array([one.heights.top if one.heights.top is not None else np.nan for one in outlines])
     # What floats high up says little about how high the houses around are.
-    grounded = np.array([(one.heights.bottom or 0.0) < 2.5 and not one.heights.open_roof for one in outlines])
+    grounded = np.array([(one.heights.bottom or 0.0) < 2.5 for one in outlines])
     reference = known & grounded if (known & grounded).any() else known
     lonely = np.flatnonzero(~known)
     tops[lonely] = heights_from_neighbours(xy[lonely], xy[reference], tops[reference])
+    if known.mean() < 0.1:
+        ledger.warn(f"only {known.mean():.1%} of the buildings have a height: the others are guessed from them")
     for i in lonely.tolist():
-        if owner[i] != i:
+        heights = outlines[i].heights
+        if heights.open_roof:
+            tops[i] = (heights.bottom or 0.0) + OPEN_ROOF_HEIGHT
+            ledger.note("inferred", f"height of an open roof, taken as {OPEN_ROOF_HEIGHT:g} m", outlines[i].id)
+        elif owner[i] != i:
             tops[i] = tops[owner[i]]
             ledger.note("inferred", "height of a part from its building", outlines[i].id)
         else:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass
 from os import SEEK_END
 from pathlib import Path
@@ -34,12 +35,12 @@ GDAL_SUFFIXES = (".fgb", ".geojson", ".gpkg", ".json", ".shp")
 
 # Compared without case and punctuation; first come, first taken.
 _HEIGHT = (
-    "height", "heightm", "hauteur", "heightag", "buildingheight", "bldgheight", "hoehe", "höhe", "gebhoehe", "altura", "altezza",
-    "hoogte", "relh2", "measuredheight", "estheight",
+    "height", "heightm", "hauteur", "heightag", "buildingheight", "bldgheight", "hoehe", "höhe", "gebhoehe", "altura",
+    "altezza", "hoogte", "relh2", "measuredheight", "estheight",
 )  # fmt: skip
 _LEVELS = (
-    "buildinglevels", "levels", "floors", "floorsag", "numfloors", "nfloors", "storeys", "stories", "nbetages", "etages", "geschosse",
-    "pisos", "plantas",
+    "buildinglevels", "levels", "floors", "floorsag", "numfloors", "nfloors", "storeys", "stories", "nbetages", "etages",
+    "geschosse", "pisos", "plantas",
 )  # fmt: skip
 _BUILDING_COLUMNS = {
     "min_height": ("minheight", "minheightm", "buildingminheight"),
@@ -190,7 +191,8 @@ def _list_layers(path: Path) -> list[_Layer]:
         except (DataSourceError, RuntimeError, ValueError, UnicodeDecodeError) as error:
             reason = str(error).split("; It might")[0].split(";")[0]
             raise CityError(
-                f"{file}: expected OpenStreetMap (.osm, .osm.pbf) or what GDAL reads (GeoJSON, GeoPackage, Shapefile, ...); found: {reason}"
+                f"{file}: expected OpenStreetMap (.osm, .osm.pbf) or what GDAL reads (GeoJSON, GeoPackage, Shapefile, ...); "
+                f"found: {reason}"
             ) from error
     return layers
 
@@ -204,8 +206,8 @@ def _refuse_other_formats(path: Path) -> None:
     for mark, name in _OTHER_FORMATS.items():
         if mark in head:
             raise CityError(
-                f"{path}: {name} is not read; expected OpenStreetMap (.osm, .osm.pbf) or footprints and streets that GDAL reads "
-                "(GeoJSON, GeoPackage, Shapefile)"
+                f"{path}: {name} is not read; expected OpenStreetMap (.osm, .osm.pbf) or footprints and streets that GDAL "
+                "reads (GeoJSON, GeoPackage, Shapefile)"
             )
 
 
@@ -301,7 +303,7 @@ def _unpacked(geometry: BaseGeometry) -> BaseGeometry:
     return shapely.geometrycollections(parts) if geometry.geom_type == "GeometryCollection" else geometry
 
 
-def _flatten(parts: Any) -> list[BaseGeometry]:
+def _flatten(parts: Iterable[BaseGeometry]) -> list[BaseGeometry]:
     """Parts of parts, until none is a collection."""
     flat: list[BaseGeometry] = []
     for part in parts:
@@ -341,7 +343,7 @@ def _label(column: str) -> str:
     return f"column {column}" if column else ""
 
 
-def _text(value: Any) -> str | None:
+def _text(value: object) -> str | None:
     """A cell as a tag's value; None where it is empty, a list or binary."""
     if value is None or isinstance(value, np.ndarray | list | bytes) or value != value:
         return None

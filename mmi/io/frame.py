@@ -113,8 +113,8 @@ def lonlat_bounds(file: str, bounds: Box, crs: pyproj.CRS) -> Box:
     area = crs.area_of_use
     if area is not None and _degrees_outside(lon, area.west, area.east) > 20:
         raise CityError(
-            f"{file}: would lie at longitude {lon:.2f}, latitude {lat:.2f}, far outside the area of {name} ({area.name}); name the "
-            "right CRS with --crs EPSG:..."
+            f"{file}: would lie at longitude {lon:.2f}, latitude {lat:.2f}, far outside the area of {name} "
+            f"(longitude {area.west:g} to {area.east:g}); name the right CRS with --crs EPSG:..."
         )
     return box
 
@@ -223,8 +223,8 @@ def check_not_swapped(file: str, outlines: Sequence[BaseGeometry], crs: pyproj.C
     exchanged, _ = _right_angles(coords, inner, 1.0, math.cos(math.radians(lon)))
     if corners >= 100 and exchanged > 0.3 and exchanged > 2.0 * as_read:
         raise CityError(
-            f"{file}: latitude and longitude look swapped: at longitude {lon:.2f}, latitude {lat:.2f} only {as_read:.0%} of the "
-            f"buildings' corners are right angles, the other way round {exchanged:.0%}"
+            f"{file}: latitude and longitude look swapped: at longitude {lon:.2f}, latitude {lat:.2f} only {as_read:.0%} of "
+            f"the buildings' corners are right angles, the other way round {exchanged:.0%}"
         )
 
 
@@ -288,7 +288,10 @@ def _unsuitable(crs: pyproj.CRS, lon: float, lat: float) -> str | None:
     if area is not None and not (
         area.south - 1 <= lat <= area.north + 1 and _degrees_outside(lon, area.west, area.east) <= 1
     ):
-        return f"is used outside its area ({area.name})"
+        return (
+            f"is used outside its area (longitude {area.west:g} to {area.east:g}, "
+            f"latitude {area.south:g} to {area.north:g})"
+        )
     try:
         factors = pyproj.Proj(crs).get_factors(lon, lat)
     except ProjError:

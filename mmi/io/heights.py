@@ -16,16 +16,26 @@ from scipy.spatial import cKDTree
 
 from mmi.io.report import Ledger
 
-__all__ = ["LEVEL_HEIGHT", "Heights", "heights_from_neighbours", "heights_from_tags", "parse_metres", "settle_span"]
+__all__ = [
+    "LEVEL_HEIGHT",
+    "OPEN_ROOF_HEIGHT",
+    "Heights",
+    "heights_from_neighbours",
+    "heights_from_tags",
+    "parse_metres",
+    "settle_span",
+]
 
 LEVEL_HEIGHT = 3.2
 """Metres a level."""
+
+OPEN_ROOF_HEIGHT = 4.0
+"""Metres of an open roof (canopy, carport) whose height nobody tagged: neighbours' heights say nothing about it."""
 
 _MAX_HEIGHT = 1000.0
 _MAX_LEVELS = 250.0
 _NEIGHBOURS = 8
 _OPEN_ROOFS = frozenset({"roof", "canopy", "carport"})
-_OPEN_ROOF_TOP = 4.0
 _OPEN_ROOF_THICKNESS = 0.5
 
 _NUMBER = r"\d+(?:[.,]\d+)?|[.,]\d+"
@@ -35,7 +45,7 @@ _UNITS = {"": 1.0, "m": 1.0, "c": 0.01, "k": 1000.0, "f": 0.3048}
 
 
 def parse_metres(text: str) -> float | None:
-    """Metres in ``text``: ``"12"``, ``"12 m"``, ``"12,5"``, ``"40 ft"``, ``"40'"``, ``"12'6\""``; None if it is none of these."""
+    """Metres in ``text``: 12 | 12 m | 12,5 | 40 ft | 40' | 12'6"; None if it is none of these."""
     text = text.strip()
     if match := _METRIC.fullmatch(text):
         return float(match[1].replace(",", ".")) * _UNITS[(match[2] or "")[:1].lower()]
@@ -90,9 +100,6 @@ def heights_from_tags(
         bottom = None if level is None else level * LEVEL_HEIGHT
     kinds = {tags.get("building", "").lower(), tags.get("building:part", "").lower()}
     open_roof = not kinds.isdisjoint(_OPEN_ROOFS)
-    if open_roof and top is None:
-        top = _OPEN_ROOF_TOP + (bottom or 0.0)
-        ledger.note("inferred", f"open roof without a height, taken as {_OPEN_ROOF_TOP:g} m", id_)
     return Heights(top, bottom, open_roof)
 
 

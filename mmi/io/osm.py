@@ -8,6 +8,7 @@ Tags: https://wiki.openstreetmap.org/wiki/Simple_3D_Buildings.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -88,18 +89,27 @@ def read_osm(path: Path, ledger: Ledger, *, buildings: bool, streets: bool) -> t
             assembled.append(RawBuilding(id_, polygon, tags))
     crs = pyproj.CRS.from_epsg(4326)
     return (
-        BuildingLayer(path.name, tuple(assembled), crs, True, "height tag", "building:levels"),
-        StreetLayer(path.name, tuple(raw_streets), crs, True),
+        BuildingLayer(str(path), tuple(assembled), crs, True, "height tag", "building:levels"),
+        StreetLayer(str(path), tuple(raw_streets), crs, True),
     )
 
 
-def _tags_of(entity: Any, keys: tuple[str, ...]) -> dict[str, str]:
-    """The tags among ``keys`` that the OSM object has."""
-    return {key: value for key in keys if (value := entity.tags.get(key)) is not None}
+def _entities(path: Path, kind: Any, places: Any = None) -> Iterator[Any]:  # noqa: ANN401 (osmium's types)
+    """The OSM objects of a kind, in file order; ``places`` is a table of nodes that is filled and used on the way."""
+    processor = osmium.FileProcessor(str(path))
+    if places is not None:
+        processor = processor.with_locations(places)
+    yield from processor.with_filter(osmium.filter.EntityFilter(kind))
 
 
-def _is_building(entity: Any) -> bool:
-    return "building" in entity.tags or entity.tags.get("building:part", "no") != "no"
+def _tags_of(tags: Mapping[str, str], keys: tuple[str, ...]) -> dict[str, str]:
+    """Those among ``tags`` that ``keys`` names."""
+    return {key: value for key in keys if (value := tags.get(key)) is not None}
+
+
+def _is_building(tags: Mapping[str, str]) -> bool:
+    """True for buildings and building parts; ``building=no`` counts, so that it is reported."""
+    return "building" in tags or (tags.get("building:part") or "no") != "no"
 
 
 def _read_relations(
@@ -108,13 +118,12 @@ def _read_relations(
     """Building relations that are areas, and the ids of all ways that they need."""
     relations: list[_Relation] = []
     members: set[int] = set()
-    wanted = osmium.filter.EntityFilter(osmium.osm.RELATION)
-    for relation in osmium.FileProcessor(str(path)).with_filter(wanted):
+    for relation in _entities(path, osmium.osm.RELATION):
         id_ = f"relation/{relation.id}"
         if streets and "highway" in relation.tags:
             ledger.note("read", "highways")
             ledger.note("left out", "street: a relation, thus an area", id_)
-        if not buildings or not _is_building(relation):
+        if not buildings or not _is_building(relation.tags):
             continue
         ledger.note("read", "buildings" if "building" in relation.tags else "building parts")
         kind = relation.tags.get("type", "")
@@ -127,7 +136,7 @@ def _read_relations(
             if member.type == "w":
                 (inner if member.role == "inner" else outer).append(member.ref)
         members.update(outer, inner)
-        relations.append(_Relation(id_, _tags_of(relation, _BUILDING_TAGS), tuple(outer), tuple(inner)))
+        relations.append(_Relation(id_, _tags_of(relation.tags, _BUILDING_TAGS), tuple(outer), tuple(inner)))
     return relations, frozenset(members)
 
 
@@ -140,15 +149,10 @@ def _read_ways(
     raw_streets: list[RawStreet] = []
     # A file may hold ways before nodes: fill the table of places first, then use it.
     places = osmium.index.create_map("flex_mem")
-    for _ in (
-        osmium.FileProcessor(str(path))
-        .with_locations(places)
-        .with_filter(osmium.filter.EntityFilter(osmium.osm.NOTHING))
-    ):
+    for _ in _entities(path, osmium.osm.NOTHING, places):
         pass
-    wanted = osmium.filter.EntityFilter(osmium.osm.WAY)
-    for way in osmium.FileProcessor(str(path)).with_locations(places).with_filter(wanted):
-        is_building = buildings and _is_building(way)
+    for way in _entities(path, osmium.osm.WAY, places):
+        is_building = buildings and _is_building(way.tags)
         is_street = streets and "highway" in way.tags
         if not (is_building or is_street or way.id in members):
             continue
@@ -160,10 +164,10 @@ def _read_ways(
             ways[way.id] = found
         if is_building:
             ledger.note("read", "buildings" if "building" in way.tags else "building parts")
-            outlines.append((way.id, found, _tags_of(way, _BUILDING_TAGS)))
+            outlines.append((way.id, found, _tags_of(way.tags, _BUILDING_TAGS)))
         if is_street:
             ledger.note("read", "highways")
-            street = _street_from_way(f"way/{way.id}", found, _tags_of(way, _STREET_TAGS), ledger)
+            street = _street_from_way(f"way/{way.id}", found, _tags_of(way.tags, _STREET_TAGS), ledger)
             if street is not None:
                 raw_streets.append(street)
     return ways, outlines, raw_streets

@@ -9,6 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import networkx as nx
 import numpy as np
@@ -32,10 +33,10 @@ _HEADROOM = 2.5
 _MARGIN = 200.0
 
 _HALF_WIDTHS = {
-    "motorway": 8.0, "motorway_link": 4.0, "trunk": 7.0, "trunk_link": 4.0, "primary": 5.0, "primary_link": 3.0, "secondary": 4.5,
-    "secondary_link": 3.0, "tertiary": 4.0, "tertiary_link": 3.0, "unclassified": 3.0, "residential": 3.0, "living_street": 3.0,
-    "road": 3.0, "service": 2.0, "pedestrian": 3.0, "track": 1.5, "footway": 1.5, "path": 1.0, "steps": 1.5, "cycleway": 1.5,
-    "bridleway": 1.5, "street": 3.0,
+    "motorway": 8.0, "trunk": 7.0, "primary": 5.0, "secondary": 4.5, "tertiary": 4.0,
+    "motorway_link": 4.0, "trunk_link": 4.0, "primary_link": 3.0, "secondary_link": 3.0, "tertiary_link": 3.0,
+    "unclassified": 3.0, "residential": 3.0, "living_street": 3.0, "road": 3.0, "service": 2.0, "street": 3.0,
+    "pedestrian": 3.0, "track": 1.5, "footway": 1.5, "path": 1.0, "steps": 1.5, "cycleway": 1.5, "bridleway": 1.5,
 }  # fmt: skip
 _DRIVE = frozenset({
     "motorway", "motorway_link", "trunk", "trunk_link", "primary", "primary_link", "secondary", "secondary_link", "tertiary",
@@ -43,6 +44,9 @@ _DRIVE = frozenset({
 })  # fmt: skip
 _NO_WALK = frozenset({"motorway", "motorway_link"})
 _WALK_IF_ALLOWED = frozenset({"cycleway", "trunk", "trunk_link"})
+_NO_STREETS = frozenset(
+    {"construction", "corridor", "crossing", "elevator", "platform", "proposed", "raceway", "rest_area", "services"}
+)
 # BD TOPO's NATURE and the like, where they differ from OpenStreetMap.
 _TRANSLATED = {
     "escalier": "steps",
@@ -74,7 +78,7 @@ def half_width(tags: dict[str, str]) -> float:
 def refusal(tags: dict[str, str], network: str, *, osm: bool) -> str | None:
     """Why a street is not used for ``network`` (drive, walk, all), or None if it is."""
     value = tags.get("highway", "").lower()
-    if osm and value not in _HALF_WIDTHS:
+    if (osm and value not in _HALF_WIDTHS) or value in _NO_STREETS:
         return f"highway={value} is no street"
     kind = street_kind(tags)
     if is_yes(tags.get("area")) and not re.fullmatch(r"[\d.,]+", tags["area"]):
@@ -95,7 +99,9 @@ def refusal(tags: dict[str, str], network: str, *, osm: bool) -> str | None:
     if kind == "footway" and tags.get("footway", "").lower() in {"sidewalk", "crossing"}:
         walk = False  # the street beside or below is walked instead
     used = {"drive": drive, "walk": walk, "all": drive or walk}[network]
-    return None if used else f"{kind} not in network {network}"
+    if used:
+        return None
+    return f"{kind} without cars" if network == "drive" and kind in _DRIVE else f"{kind} not in network {network}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,7 +147,8 @@ def graph_from_lines(
     if not used:
         kinds = ", ".join(f"{n} {reason}" for reason, n in unused.most_common(4))
         raise CityError(
-            f"{layer.file}: no streets for --network {network}; found {kinds or 'no street lines'}; try another --network, or --streets FILE"
+            f"{layer.file}: no streets for --network {network}; found {kinds or 'no street lines'}; "
+            "try another --network, or --streets FILE"
         )
     pieces = _split_at_nodes(used, lines) if osm else _split_where_touching(used, lines)
     survivors = {piece.street for piece in pieces}
@@ -153,7 +160,8 @@ def graph_from_lines(
     pieces = _without_scraps(pieces, used, ledger)
     if not pieces:
         raise CityError(
-            f"{layer.file}: no streets left for --network {network}: expected some within {_MARGIN:g} m of the buildings and outside them"
+            f"{layer.file}: no streets left for --network {network}: expected some within {_MARGIN:g} m of the "
+            "buildings and outside them"
         )
     return _graph(pieces, used)
 
@@ -171,7 +179,7 @@ def _split_at_nodes(used: Sequence[RawStreet], lines: Sequence[Sequence[LineStri
         for nodes, line in zip(item.nodes or (), own, strict=True):
             coords = shapely.get_coordinates(line)
             cuts = [k for k, node in enumerate(nodes) if visits[node] > 1]
-            for start, stop in zip(cuts, cuts[1:], strict=False):
+            for start, stop in pairwise(cuts):
                 stretch = _line(coords[start : stop + 1])
                 if stretch is not None:
                     pieces.append(_Piece(i, stretch))
