@@ -9,6 +9,8 @@ Light is not painted, except the shadows that small reliefs throw: ``mmi.surface
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -62,8 +64,9 @@ def roof_strip(style: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float6
     return _strip(_ROOF, style)
 
 
+@cache
 def facade_texture() -> NDArray[np.uint8]:
-    """The atlas, (4096, 512, 3) uint8 sRGB: the same bytes at every call."""
+    """The atlas, (4096, 512, 3) uint8 sRGB, read-only: a constant, painted at the first call."""
     rng = np.random.default_rng(1999)
     parts = []
     for style in STYLES:
@@ -78,7 +81,9 @@ def facade_texture() -> NDArray[np.uint8]:
     parts += [_blind(style.wall(rng, 4 * CELL), rng) for style in (*STYLES[:3], STYLES[2])]
     parts += [_zinc_roof(rng), _tar_roof(rng), _gravel_roof(rng), _membrane_roof(rng)]
     image = np.concatenate([np.pad(part, ((_PAD, _PAD), (0, 0), (0, 0)), mode="edge") for part in parts])
-    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+    atlas = np.clip(np.rint(image), 0, 255).astype(np.uint8)
+    atlas.setflags(write=False)
+    return atlas
 
 
 def ground_texture() -> NDArray[np.uint8]:

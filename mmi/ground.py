@@ -31,6 +31,7 @@ _STRIPES: tuple[tuple[float, _Color], ...] = (
 )
 _GRASS: _Color = (0.63, 0.64, 0.56)
 _PAVED = 7.0  # metres of pavement around buildings
+_RAISED = 1.0  # metres above ground from which nothing stands on it
 _GRAIN = 12.8  # metres that the ground's texture covers
 
 
@@ -48,7 +49,7 @@ def ground_mesh(city: City, *, margin: float) -> CityMesh:
     rest: BaseGeometry = shapely.box(x0 - border, y0 - border, x1 + border, y1 + border)
     surfaces: list[tuple[BaseGeometry, _Color]] = []
     inner: BaseGeometry = Polygon()
-    yards = shapely.simplify([one.footprint for one in city.objects if one.base <= city.ground + 1.0], 0.5)
+    yards = shapely.simplify([one.footprint for one in city.objects if one.base <= city.ground + _RAISED], 0.5)
     paved = shapely.buffer(yards, _PAVED, quad_segs=1)
     for extra, color in _STRIPES:
         # The outline is thinned to a finger's breadth before anything is cut, so that all sides see the same border.
