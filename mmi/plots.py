@@ -104,11 +104,12 @@ def event_graph_plot(city: City, plan: CellPlan, *, camera: Camera, max_error_px
     edges = sorted(plan.graph.edges(data="weight"), key=lambda edge: (edge[2], edge[0], edge[1]))
     weights = _pixels(camera, [edge[2] for edge in edges])
     norm = LogNorm(max_error_px, max(10.0 * max_error_px, 1.0001 * float(weights.max(initial=0.0))))
+    thin = min(1.0, math.sqrt(400.0 / max(len(edges), 1)))
     lines = LineCollection(
         [centres[[a, b]] for a, b, _ in edges],
         cmap="viridis_r",
         norm=norm,
-        linewidths=0.4 + 1.6 * np.asarray(norm(weights)),
+        linewidths=thin * (0.4 + 1.6 * np.asarray(norm(weights))),
         alpha=0.8,
         zorder=4.0,
     )
@@ -120,7 +121,16 @@ def event_graph_plot(city: City, plan: CellPlan, *, camera: Camera, max_error_px
     for layer, members in enumerate(plan.layers):
         color, hatch = layer_style(layer)
         x, y = centres[members].T
-        left.scatter(x, y, s=42, color=color, edgecolor=INK, linewidth=0.7, hatch=2 * hatch, zorder=5.0)
+        left.scatter(
+            x,
+            y,
+            s=42,
+            color=color,
+            edgecolor=INK,
+            linewidth=0.7,
+            hatch=hatch if "." in hatch else 2 * hatch,
+            zorder=5.0,
+        )
     _title(
         left, cell, f"{counted(len(selection.far), 'far object')}, {counted(len(edges), 'edge')} above the threshold"
     )
