@@ -179,6 +179,7 @@ def triangulate(polygon: Polygon) -> tuple[NDArray[np.float64], NDArray[np.int64
     origin = points[0]  # near zero, where float64 is finest
     triangles = mapbox_earcut.triangulate_float64(points - origin, ends).reshape(-1, 3).astype(np.int64)
     p, q, r = (points[triangles[:, i]] - origin for i in range(3))
+    # Earcut promises no winding.
     turned = (q[:, 0] - p[:, 0]) * (r[:, 1] - p[:, 1]) < (q[:, 1] - p[:, 1]) * (r[:, 0] - p[:, 0])
     triangles[turned] = triangles[turned][:, ::-1]
     return points, triangles

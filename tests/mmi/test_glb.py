@@ -209,6 +209,13 @@ def test_no_size_or_index_in_the_file_is_believed(path, value):
         read_glb(rebuilt(document, body), name="x.glb")
 
 
+def test_a_size_beyond_the_file_is_refused_before_anything_is_read():
+    document, body = parsed(glb_bytes(scene()))
+    document["accessors"][0]["count"] = 10**12
+    with pytest.raises(DatasetError, match=r"1000000000000 times VEC3 from byte 0 wanted, the view has \d+ bytes"):
+        read_glb(rebuilt(document, body))
+
+
 def test_triangles_beyond_the_vertices_are_refused():
     document, body = parsed(glb_bytes(scene()))
     accessor = document["accessors"][document["meshes"][0]["primitives"][0]["indices"]]
