@@ -3,9 +3,9 @@
     python benchmarks/weights.py ../shared/data/paris_9e ../shared/data/nyc_west_village
 
 A folder holds derived_buildings.geojson (column height_m) and derived_streets.geojson in metres. Streets are cut into
-cells of 40 m with a half width of 3 m; far objects are those from --near to --reach metres away, all of them or what the
-horizon sweep leaves of them. Objects are buildings, or with --blocks touching buildings merged, as in the paper. Pixels
-are those of the paper's display (512 pixels, 60 degrees).
+cells of at most --length metres with a half width of 3 m; far objects are those from --near to --reach metres away, all of
+them or what the horizon sweep leaves of them. Objects are buildings, or with --blocks touching buildings merged, as in
+the paper. Pixels are those of the paper's display (512 pixels, 60 degrees).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import argparse
 import math
 import time
 from collections import defaultdict
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -21,6 +22,7 @@ import networkx as nx
 import numpy as np
 import pyogrio
 import shapely
+from numpy.typing import NDArray
 
 from mmi.camera import Camera
 from mmi.cells import ViewingCell
@@ -33,7 +35,7 @@ from mmi.selection import Selection, everything
 from mmi.visibility import horizon_extractor, prepare_horizon
 
 STRATEGIES = ("incremental", "largest-first", "smallest-last", "dsatur", "best")
-CELL_LENGTH, HALF_WIDTH = 40.0, 3.0
+HALF_WIDTH = 3.0
 
 
 def read_city(folder: Path, blocks: bool) -> City:
@@ -54,18 +56,31 @@ def read_city(folder: Path, blocks: bool) -> City:
     return City(objects, nx.MultiGraph(), frame.crs.to_string(), (origin[0], origin[1], 0.0), folder.name)
 
 
-def read_cells(folder: Path, city: City) -> list[ViewingCell]:
+def read_cells(folder: Path, city: City, length: float) -> list[ViewingCell]:
     lines = pyogrio.read_dataframe(folder / "derived_streets.geojson").geometry.to_numpy()
     lines = shapely.transform(shapely.force_2d(lines), lambda xy: xy - np.array(city.origin[:2]))
     x0, y0, x1, y1 = shapely.total_bounds([one.footprint for one in city.objects])
     cells = []
     for street, line in enumerate(shapely.get_parts(shapely.clip_by_rect(lines, x0, y0, x1, y1))):
-        n = max(1, math.ceil(line.length / CELL_LENGTH))
+        n = max(1, math.ceil(line.length / length))
         ends = [line.interpolate(k / n, normalized=True).coords[0] for k in range(n + 1)]
         for k, (p, q) in enumerate(pairwise(ends)):
             if math.dist(p, q) > 5.0:
                 cells.append(ViewingCell(f"{street:04d}-{k:02d}", p, q, HALF_WIDTH, (1.5, 1.9)))
     return cells
+
+
+def layers_in_views(
+    layers: Sequence[NDArray[np.int64]], boxes: NDArray[np.float64], far: NDArray[np.int64]
+) -> list[float]:
+    """For each of six sectors, how many layers have an object there."""
+    counts = np.zeros(6)
+    for layer in layers:
+        start, end = boxes[np.searchsorted(far, layer), :2].T
+        for sector in range(6):
+            after = (sector * math.pi / 3.0 - start) % (2.0 * math.pi)
+            counts[sector] += bool(((after <= end - start) | (after > 5.0 * math.pi / 3.0)).any())
+    return [float(count) for count in counts]
 
 
 def spread(values: list[float]) -> str:
@@ -112,6 +127,7 @@ def measure(city: City, cells: list[ViewingCell], arguments: argparse.Namespace)
             for strategy in STRATEGIES:
                 layers = timed(strategy, assign_layers, graph, boxes, strategy=strategy)
                 rows[f"{pixels:g} px: layers, {strategy}"].append(len(layers))
+            rows[f"{pixels:g} px: layers in a 60 degree view"] += layers_in_views(layers, boxes, selection.far)
     kind = "blocks" if arguments.blocks else "buildings"
     print(
         f"\n{city.source}: {len(city.objects)} {kind}, {len(cells)} cells, {'visible' if see else 'all'} objects from ",
@@ -128,6 +144,7 @@ def main() -> None:
     parser.add_argument("folders", nargs="+", type=Path)
     parser.add_argument("--near", type=float, default=40.0)
     parser.add_argument("--reach", type=float, default=300.0)
+    parser.add_argument("--length", type=float, default=40.0, help="metres of street per cell")
     parser.add_argument("--pixels", type=float, nargs="+", default=[5.0, 10.0])
     parser.add_argument("--cells", type=int, default=60, help="at most so many, spread over the city")
     parser.add_argument("--visible", action="store_true", help="only what the horizon sweep leaves")
@@ -136,7 +153,7 @@ def main() -> None:
     arguments = parser.parse_args()
     for folder in arguments.folders:
         city = read_city(folder, arguments.blocks)
-        cells = read_cells(folder, city)
+        cells = read_cells(folder, city, arguments.length)
         measure(city, cells[:: max(1, math.ceil(len(cells) / arguments.cells))], arguments)
 
 
