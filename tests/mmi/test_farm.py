@@ -7,11 +7,13 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from cities import block, crossroads
 
+from mmi.camera import Camera
 from mmi.cellfiles import read_impostor, stored_cell
 from mmi.city import City
 from mmi.dataset import open_dataset
@@ -19,7 +21,7 @@ from mmi.errors import DatasetError, ParameterError
 from mmi.farm import build_dataset, cells_to_build
 from mmi.parameters import BuildParameters
 
-PARAMETERS = BuildParameters(near_distance=30.0)
+PARAMETERS = BuildParameters(near_distance=30.0, camera=Camera(128, 128, 1.0), cell_length=80.0)
 
 
 def contents(folder):
@@ -35,7 +37,7 @@ def contents(folder):
 def built(tmp_path_factory):
     out = tmp_path_factory.mktemp("dataset") / "out"
     summary = build_dataset(crossroads(), out, PARAMETERS)
-    assert summary.built == summary.cells > 10
+    assert summary.built == summary.cells >= 8
     return out
 
 
@@ -85,28 +87,29 @@ def test_a_finished_build_is_not_done_again(built):
     assert {path: path.stat().st_mtime_ns for path in (built / "cells").iterdir()} == times
 
 
+PATHS = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
 SCRIPT = """
 import sys
 sys.path[:0] = {paths!r}
 from cities import crossroads
 from mmi.farm import build_dataset
-from mmi.parameters import BuildParameters
+from test_farm import PARAMETERS
 if __name__ == "__main__":
-    build_dataset(crossroads(), sys.argv[1], BuildParameters(near_distance=30.0), workers=int(sys.argv[2]))
+    build_dataset(crossroads(), sys.argv[1], PARAMETERS, workers=int(sys.argv[2]))
 """
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_killed_build_ends_like_an_undisturbed_one(built, tmp_path, workers):
     script = tmp_path / "build.py"
-    script.write_text(SCRIPT.format(paths=[p for p in sys.path if p.endswith("tests")]))
+    script.write_text(SCRIPT.format(paths=PATHS))
     out = tmp_path / "out"
     dice = random.Random(workers)
     killed = 0
     for _ in range(40):
         process = subprocess.Popen([sys.executable, str(script), str(out), str(workers)])
         before = len(list(out.glob("cells/*.json")))
-        wanted = before + dice.randint(1, 6)
+        wanted = before + dice.randint(1, 4)
         while process.poll() is None and len(list(out.glob("cells/*.json"))) < wanted:
             time.sleep(0.002)
         time.sleep(dice.uniform(0.0, 0.2))
@@ -116,7 +119,7 @@ def test_a_killed_build_ends_like_an_undisturbed_one(built, tmp_path, workers):
         if process.wait() == 0:
             break
     assert process.returncode == 0
-    assert killed >= 2
+    assert killed >= 1
     time.sleep(0.5 if workers > 1 else 0.0)  # an orphaned worker may still finish its last cell
     assert contents(out) == contents(built)
 
@@ -219,8 +222,8 @@ def test_a_full_disk_says_so_and_loses_nothing(built, tmp_path):
     script = tmp_path / "build.py"
     script.write_text(
         "import resource, signal\nsignal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, 400_000))\n"
-        + SCRIPT.format(paths=[p for p in sys.path if p.endswith("tests")])
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))\n"
+        + SCRIPT.format(paths=PATHS)
     )
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "numba")}
     done = subprocess.run(
@@ -248,5 +251,5 @@ def test_landmarks_must_exist(tmp_path):
 
 def test_the_machine_s_doings_are_recorded(built):
     build = json.loads((built / "build.json").read_bytes())
-    assert build["totals"]["cells"] > 10
+    assert build["totals"]["cells"] >= 8
     assert build["totals"]["peak_memory_bytes"] > 10**7
