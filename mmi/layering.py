@@ -27,12 +27,12 @@ from mmi.errors import ParameterError
 
 __all__ = ["assign_layers", "event_graph", "layer_area", "layers_greedy", "layers_incremental", "panorama_boxes"]
 
-_GREEDY = {
-    "dsatur": "saturation_largest_first",
-    "largest-first": "largest_first",
-    "smallest-last": "smallest_last",
-}
-"""Our names of networkx's strategies."""
+_GREEDY = (
+    ("dsatur", "saturation_largest_first"),
+    ("largest-first", "largest_first"),
+    ("smallest-last", "smallest_last"),
+)
+"""Our names of networkx's strategies, and its own."""
 _CLOSEST = 1e-3
 """Metres: slopes are measured as if nothing were closer to the eye."""
 
@@ -80,12 +80,13 @@ def assign_layers(
     """The graph's nodes divided into layers: sorted arrays, the layer with the smallest node first.
 
     ``boxes`` (n, 4) are the nodes' boxes in the panorama, in the graph's node order. ``strategy`` is ``incremental`` (the
-    paper's), ``largest-first``, ``smallest-last``, ``dsatur`` (networkx's greedy colourings), or ``best``: of all these
+    paper's), ``dsatur``, ``largest-first``, ``smallest-last`` (networkx's greedy colourings), or ``best``: of all these
     the one with the fewest layers, then the smallest total area of the layers' boxes, then the first in this list.
     Raises ParameterError for any other strategy.
     """
+    greedy = dict(_GREEDY)
     if strategy == "best":
-        candidates = [assign_layers(graph, boxes, strategy=name) for name in ("incremental", *sorted(_GREEDY))]
+        candidates = [assign_layers(graph, boxes, strategy=name) for name in ("incremental", *greedy)]
         row = {node: i for i, node in enumerate(graph)}
 
         def cost(layers: tuple[NDArray[np.int64], ...]) -> tuple[int, float]:
@@ -96,10 +97,10 @@ def assign_layers(
         return min(candidates, key=cost)
     if strategy == "incremental":
         layers = layers_incremental(graph, boxes)
-    elif strategy in _GREEDY:
-        layers = layers_greedy(graph, _GREEDY[strategy])
+    elif strategy in greedy:
+        layers = layers_greedy(graph, greedy[strategy])
     else:
-        names = ", ".join(["best", "incremental", *sorted(_GREEDY)])
+        names = ", ".join(["best", "incremental", *greedy])
         raise ParameterError(f"a layering strategy is one of {names}; found {strategy!r}")
     return tuple(sorted((np.sort(layer) for layer in layers), key=lambda layer: int(layer[0])))
 

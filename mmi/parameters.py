@@ -63,8 +63,8 @@ class BuildParameters:
         expect(5.0 <= self.cell_length <= 500.0, "cell_length", "5 to 500 metres")
         expect(0.0 < self.eye[0] <= self.eye[1] < 100.0, "eye", "heights above the ground, low and high, in metres")
         for name, factor in self.landmarks:
-            if not (factor > 0.0 and math.isfinite(factor)):
-                raise ParameterError(f"landmark {name}: a positive factor expected, found {factor!r}")
+            if not (factor >= 1.0 and math.isfinite(factor)):
+                raise ParameterError(f"landmark {name}: a factor of 1 or more expected, found {factor!r}")
 
     @property
     def max_angle(self) -> float:

@@ -8,7 +8,7 @@ from shapely.geometry import box
 from mmi.cells import ViewingCell
 from mmi.city import City, CityObject, Prism
 from mmi.errors import ParameterError
-from mmi.segmentation import near_by_distance, near_by_triangles
+from mmi.segmentation import near_by_distance, near_by_slope, near_by_triangles
 from mmi.selection import Selection, chain, everything
 
 CELL = ViewingCell("c", (0.0, 0.0), (20.0, 0.0), 3.0, (1.5, 1.9))
@@ -45,6 +45,14 @@ def test_an_object_that_does_not_fit_ends_the_near_geometry(city):
     assert near_by_triangles(50, [1, 10, 1, 1000])(everything(city, CELL)).near.tolist() == [1]
 
 
+@pytest.mark.parametrize(
+    ("slope", "near"), [(1.51, [1]), (1.49, [1, 3]), (0.63, [1, 3]), (0.62, [1, 2, 3]), (0.18, [0, 1, 2, 3])]
+)
+def test_what_rises_too_steeply_is_near(city, slope, near):
+    # All reach 7.5 m above the lower eye: slopes 7.5 / 40, unbounded, 7.5 / 12 and 7.5 / 5.
+    assert near_by_slope(slope)(everything(city, CELL)).near.tolist() == near
+
+
 def test_only_selected_objects_count_and_near_ones_stay_near(city):
     start = Selection(city, CELL, np.array([0, 2, 3]), np.array([0]))
     assert near_by_distance(6.0)(start).near.tolist() == [0, 3]
@@ -63,6 +71,12 @@ def test_nothing_selected(city):
 def test_nonsense_distance(distance):
     with pytest.raises(ParameterError, match="near distance"):
         near_by_distance(distance)
+
+
+@pytest.mark.parametrize("slope", [0.0, -1.0, float("nan")])
+def test_nonsense_slope(slope):
+    with pytest.raises(ParameterError, match="steepest slope"):
+        near_by_slope(slope)
 
 
 def test_nonsense_budget_and_counts(city):
