@@ -98,7 +98,7 @@ def read_city(
     if clip is not None:
         buildings, lines = _clip_layers(buildings, lines, building_crs, street_crs, clip, ledger)
     bounds = coordinate_bounds([item.geometry for item in buildings.items])
-    frame = choose_frame(bounds, building_crs, lonlat_bounds(buildings.file, bounds, building_crs))
+    frame = choose_frame(buildings.file, bounds, building_crs, lonlat_bounds(buildings.file, bounds, building_crs))
     if frame.why and not building_crs.is_geographic:
         ledger.warn(f"{buildings.file}: {frame.why}")
 

@@ -71,6 +71,7 @@ _BUILDING_WORDS = ("build", "bldg", "footprint", "bati", "gebaeude", "gebäude",
 _STREET_WORDS = ("street", "road", "highway", "route", "rue", "strasse", "straße", "via", "calle", "troncon", "network")
 _OTHER_FORMATS = {
     b'"CityJSON': "CityJSON",
+    b'"CityObjects"': "CityJSON",
     b"CityModel": "CityGML",
     b"glTF": "glTF",
 }
@@ -127,6 +128,8 @@ def read_footprints(
                 ledger.note("left out", "building: no geometry", id_)
             elif not np.isin(kinds, (3, 6)).any():
                 ledger.note("left out", "building: not a polygon", id_)
+            elif not np.isfinite(shapely.get_coordinates(geometry)).all():
+                ledger.note("left out", "building: coordinates that are no numbers", id_)
             else:
                 items.append(RawBuilding(id_, geometry, own))
     if len({crs.to_wkt() if crs else "" for crs in found}) > 1:
@@ -156,7 +159,7 @@ def read_street_lines(path: Path, ledger: Ledger, *, layer: str | None) -> Stree
         tags = _tags(table, _STREET_COLUMNS)
         for id_, geometry, own in zip(_ids(table, None), table.geometries, tags, strict=True):
             parts = [] if geometry is None else shapely.get_parts(_unpacked(geometry))
-            lines = tuple(part for part in _flatten(parts) if isinstance(part, LineString) and part.length > 0)
+            lines = tuple(part for part in _flatten(parts) if isinstance(part, LineString) and 0 < part.length < np.inf)
             if one.kind == "any" and not lines:
                 continue  # a building of a mixed layer
             ledger.note("read", "streets")

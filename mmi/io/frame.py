@@ -243,8 +243,8 @@ def _right_angles(
     return float((cosines[turning] < math.sin(math.radians(3))).mean()) if turning.any() else 0.0, int(turning.sum())
 
 
-def choose_frame(bounds: Box, crs: pyproj.CRS, place: Box) -> Frame:
-    """The frame of a city of ``bounds`` in ``crs``, which lie at ``place`` (degrees).
+def choose_frame(file: str, bounds: Box, crs: pyproj.CRS, place: Box) -> Frame:
+    """The frame of a city (from ``file``) of ``bounds`` in ``crs``, which lie at ``place`` (degrees).
 
     The origin is the centre of ``bounds`` in the frame's CRS, down to whole 10 m; its height is 0.
 
@@ -265,7 +265,7 @@ def choose_frame(bounds: Box, crs: pyproj.CRS, place: Box) -> Frame:
     low, high = corners.min(axis=0), corners.max(axis=0)
     if not np.isfinite(corners).all() or (high - low).max() > 100_000:
         raise CityError(
-            f"the buildings spread over {(high - low).max() / 1000:.0f} km: expected a city; cut one out with --clip"
+            f"{file}: the buildings spread over {(high - low).max() / 1000:.0f} km: expected a city; cut one out with --clip"
         )
     centre = np.floor((low + high) / 20.0) * 10.0
     reason = "" if why is None else f"{_name(crs)} {why}: reprojected to {_name(target)}"

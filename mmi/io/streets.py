@@ -79,7 +79,7 @@ def refusal(tags: dict[str, str], network: str, *, osm: bool) -> str | None:
     """Why a street is not used for ``network`` (drive, walk, all), or None if it is."""
     value = tags.get("highway", "").lower()
     if (osm and value not in _HALF_WIDTHS) or value in _NO_STREETS:
-        return f"highway={value} is no street"
+        return "not a street (construction, platform, elevator, ...)"
     kind = street_kind(tags)
     if is_yes(tags.get("area")) and not re.fullmatch(r"[\d.,]+", tags["area"]):
         return "an area"
@@ -99,9 +99,7 @@ def refusal(tags: dict[str, str], network: str, *, osm: bool) -> str | None:
     if kind == "footway" and tags.get("footway", "").lower() in {"sidewalk", "crossing"}:
         walk = False  # the street beside or below is walked instead
     used = {"drive": drive, "walk": walk, "all": drive or walk}[network]
-    if used:
-        return None
-    return f"{kind} without cars" if network == "drive" and kind in _DRIVE else f"{kind} not in network {network}"
+    return None if used else f"not for --network {network}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,11 +141,11 @@ def graph_from_lines(
                 ledger.note("noted", "bridge kept on the ground", item.id, metres=float(shapely.length(own).sum()))
         else:
             ledger.note("left out", f"street: {reason}", item.id)
-            unused[reason] += 1
+            unused[item.tags.get("highway", reason) if reason.startswith("not for") else reason] += 1
     if not used:
         kinds = ", ".join(f"{n} {reason}" for reason, n in unused.most_common(4))
         raise CityError(
-            f"{layer.file}: no streets for --network {network}; found {kinds or 'no street lines'}; "
+            f"{layer.file}: no streets for --network {network}; found only {kinds or 'no lines'}; "
             "try another --network, or --streets FILE"
         )
     pieces = _split_at_nodes(used, lines) if osm else _split_where_touching(used, lines)
