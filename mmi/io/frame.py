@@ -33,6 +33,7 @@ Box = tuple[float, float, float, float]
 _WGS84 = pyproj.CRS.from_epsg(4326)
 _MAX_SCALE_ERROR = 0.0025
 _MAX_SHEAR_DEGREES = 0.2
+_MIN_CORNERS = 40
 _OVERLAP_MARGIN_DEGREES = 0.003  # some 200-330 m
 
 
@@ -111,10 +112,15 @@ def lonlat_bounds(file: str, bounds: Box, crs: pyproj.CRS) -> Box:
             "swapped, or another CRS (--crs)?"
         )
     area = crs.area_of_use
-    if area is not None and _degrees_outside(lon, area.west, area.east) > 20:
+    if area is not None:
+        # UTM zones are often used far beyond their borders, also across the equator, and stay true to some 20 degrees.
+        beyond = max(0.0, area.south - lat, lat - area.north) if crs.utm_zone is None else 0.0
+        far = _degrees_outside(lon, area.west, area.east) > (5 if crs.utm_zone is None else 20) or beyond > 5
+    if area is not None and far:
         raise CityError(
             f"{file}: would lie at longitude {lon:.2f}, latitude {lat:.2f}, far outside the area of {name} "
-            f"(longitude {area.west:g} to {area.east:g}); name the right CRS with --crs EPSG:..."
+            f"(longitude {area.west:g} to {area.east:g}, latitude {area.south:g} to {area.north:g}); "
+            "name the right CRS with --crs EPSG:..."
         )
     return box
 
@@ -221,7 +227,7 @@ def check_not_swapped(file: str, outlines: Sequence[BaseGeometry], crs: pyproj.C
     inner = (ring[2:] == ring[1:-1]) & (ring[1:-1] == ring[:-2])
     as_read, corners = _right_angles(coords, inner, math.cos(math.radians(lat)), 1.0)
     exchanged, _ = _right_angles(coords, inner, 1.0, math.cos(math.radians(lon)))
-    if corners >= 100 and exchanged > 0.3 and exchanged > 2.0 * as_read:
+    if corners >= _MIN_CORNERS and exchanged > 0.3 and exchanged > 2.0 * as_read:
         raise CityError(
             f"{file}: latitude and longitude look swapped: at longitude {lon:.2f}, latitude {lat:.2f} only {as_read:.0%} of "
             f"the buildings' corners are right angles, the other way round {exchanged:.0%}"
@@ -252,12 +258,10 @@ def choose_frame(file: str, bounds: Box, crs: pyproj.CRS, place: Box) -> Frame:
         CityError: the buildings spread over more than 100 km.
     """
     lon, lat = (place[0] + place[2]) / 2, (place[1] + place[3]) / 2
-    why = _unsuitable(crs, lon, lat)
     epsg = crs.to_epsg(min_confidence=70)
-    if why is None and epsg is not None:
-        target = pyproj.CRS.from_epsg(epsg)
-    else:
-        why = why or "has no EPSG code"
+    target = crs if epsg is None else pyproj.CRS.from_epsg(epsg)  # knows its area of use, unlike a .prj file
+    why = _unsuitable(target, lon, lat) or ("has no EPSG code" if epsg is None else None)
+    if why is not None:
         zone = min(60, int((lon + 180) // 6) + 1)
         target = pyproj.CRS.from_epsg((32600 if lat >= 0 else 32700) + zone)
     x0, y0, x1, y1 = bounds

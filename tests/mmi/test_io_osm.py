@@ -241,7 +241,7 @@ def test_nothing_to_build_is_refused_with_a_way_out(tmp_path):
         read_city(only_street)
     osm = OsmFile()
     osm.box(1, 0, 0, 20, 10, building="yes", height="5")
-    with pytest.raises(CityError, match="no streets.*--streets FILE"):
+    with pytest.raises(CityError, match=r"no streets.*--streets FILE"):
         read_city(osm.write(tmp_path / "b.osm"))
     osm.way(2, [(0.0, -5.0), (50.0, -5.0)], highway="footway")
     with pytest.raises(CityError, match=r"no streets for --network drive; found only 1 footway"):
