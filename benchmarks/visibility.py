@@ -53,10 +53,10 @@ def sweeps(city: City, cells: list[ViewingCell], rays: int) -> None:
     total = sum(map(len, seen))
     print(f"{len(city.objects)} objects, {len(cells)} cells, {total} objects hit by {rays} rays a cell")
     print(COLUMNS.format("shrink", "columns", "levels", "viewpoints", "median ms", "max ms", "objects", "/sampled"))
-    base = {"shrink": 1.5, "columns": 1024, "levels": 12}
+    base = {"shrink": 1.5, "columns": 2048, "levels": 12}
     variants = [base]
     variants += [{**base, "shrink": shrink} for shrink in (0.5, 1.0, 2.0, 3.0)]
-    variants += [{**base, "columns": columns} for columns in (512, 2048, 4096)]
+    variants += [{**base, "columns": columns} for columns in (512, 1024, 4096)]
     variants += [{**base, "levels": levels} for levels in (4, 8, 24)]
     for variant in variants:
         scene = prepare_horizon(
@@ -103,7 +103,7 @@ def main() -> None:
     parser.add_argument("--cells", type=int, default=12)
     parser.add_argument("--rays", type=int, default=300_000)
     parser.add_argument("--item-buffer", action="store_true")
-    parser.add_argument("--columns", type=int, default=1024)
+    parser.add_argument("--columns", type=int, default=2048)
     parser.add_argument("--shrink", type=float, default=1.5)
     options = parser.parse_args()
     city, _ = read_city(options.city)

@@ -56,6 +56,9 @@ _TOLERANCE = 0.05
 _TOUCH = 1e-3
 """Metres: a wall this far inside a cell does not count as cutting into it; a base this far up stands on the ground."""
 
+_CANDIDATES = 512
+"""Heights among which levels are chosen; time and memory grow with the square."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HorizonScene:
@@ -79,7 +82,7 @@ class HorizonScene:
     solid: NDArray[np.bool_]
 
 
-def prepare_horizon(city: City, *, shrink: float = 1.5, columns: int = 1024, levels: int = 12) -> HorizonScene:
+def prepare_horizon(city: City, *, shrink: float = 1.5, columns: int = 2048, levels: int = 12) -> HorizonScene:
     """Shrinks the city's occluders by ``shrink`` metres, at no more than ``levels`` heights; once a city.
 
     A smaller ``shrink`` gives smaller visible sets and needs more viewpoints; ``columns`` is the panorama's resolution.
@@ -115,10 +118,16 @@ def prepare_horizon(city: City, *, shrink: float = 1.5, columns: int = 1024, lev
 
 
 def _levels(tops: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """At most ``count`` of ``tops``, sorted: those that leave the smallest sum of heights lost by rounding down."""
+    """At most ``count`` of ``tops``, sorted: those that leave the smallest sum of heights lost by rounding down.
+
+    Of more than ``_CANDIDATES`` different tops, evenly spaced ones are candidates.
+    """
     values, weights = np.unique(tops, return_counts=True)
     if len(values) <= count:
         return values
+    if len(values) > _CANDIDATES:
+        values = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _CANDIDATES), method="lower"))
+        weights = np.bincount(np.searchsorted(values, tops, side="right") - 1, minlength=len(values))
     # best[j]: the smallest loss of values[j:] when j is a level and k more levels may follow
     after = np.concatenate([np.cumsum((weights * values)[::-1])[::-1], [0.0]])
     number = np.concatenate([np.cumsum(weights[::-1])[::-1], [0]])

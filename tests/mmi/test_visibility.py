@@ -169,6 +169,17 @@ class TestOptions:
         assert np.all(np.diff(levels) > 0)
         assert lost(levels) == pytest.approx(min(lost((values[0], *rest)) for rest in others))
 
+    def test_levels_of_many_different_tops(self):
+        tops = np.random.default_rng(4).gamma(3.0, 5.0, 5000)
+        levels = _levels(tops, 12)
+        assert len(levels) == 12
+        assert levels[0] == tops.min()
+        even = np.quantile(tops, np.arange(12) / 12, method="lower")
+        lost, lost_evenly = (
+            np.mean(tops - some[np.searchsorted(some, tops, side="right") - 1]) for some in (levels, even)
+        )
+        assert lost < 0.95 * lost_evenly
+
     def test_a_scene_of_another_city(self):
         extract = horizon_extractor(prepare_horizon(city_of((WALL, 10))))
         with pytest.raises(ValueError, match="scene of"):
@@ -399,7 +410,9 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
 @pytest.mark.parametrize(
-    "path", [EXAMPLES / "helsinki/helsinki.osm.pbf", DATA / "paris_9e/map.osm", DATA / "nyc_west_village/nyc.osm.pbf"]
+    "path",
+    [EXAMPLES / "helsinki/helsinki.osm.pbf", DATA / "paris_9e/map.osm", DATA / "nyc_west_village/nyc.osm.pbf"],
+    ids=lambda path: path.parent.name,
 )
 def test_a_million_rays_in_a_real_city(path):
     if not path.is_file():
