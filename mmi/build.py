@@ -1,22 +1,22 @@
 """From a city to multi-mesh impostors, told top to bottom (paper figure 6).
 
 :func:`plan_cell` decides: what is visible from a cell, what of it stays geometry, which of the rest can share a layer.
-:func:`capture_cell` draws the layers into depth textures and meshes them. :func:`build_cell` is both. A dataset of all
+:func:`capture_layers` draws the layers into depth textures and meshes them. :func:`build_cell` is both. A dataset of all
 cells is made by :mod:`mmi.farm`.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
-from mmi.capture import Capturer
 from mmi.cells import ViewingCell
 from mmi.city import City
 from mmi.dilation import dilate
@@ -32,7 +32,10 @@ from mmi.selection import Extractor, Selection, chain, everything
 from mmi.surfaces import CityMesh, build_city_mesh
 from mmi.visibility import Identify, horizon_extractor, item_buffer_extractor, prepare_horizon
 
-__all__ = ["CellPlan", "Scene", "Stopwatch", "build_cell", "capture_cell", "plan_cell", "prepare_scene"]
+if TYPE_CHECKING:
+    from mmi.capture import Capturer
+
+__all__ = ["CellPlan", "Scene", "Stopwatch", "build_cell", "capture_layers", "plan_cell", "prepare_scene"]
 
 _ALWAYS_NEAR = 4.0
 """Metres: what is closer to the cell than this is geometry whatever the triangle budget; a viewer could touch it."""
@@ -147,10 +150,11 @@ def plan_cell(
     return CellPlan(selection, far[pairs], weights, graph, layers)
 
 
-def capture_cell(scene: Scene, plan: CellPlan, capturer: Capturer, *, watch: Stopwatch | None = None) -> Impostor:
-    """The depth textures and grid meshes of a plan's layers, sector by sector (paper section 5.1)."""
+def capture_layers(
+    scene: Scene, plan: CellPlan, capturer: Capturer, *, watch: Stopwatch | None = None
+) -> Iterator[Layer]:
+    """The depth textures and grid meshes of a plan's layers, each sector of one after the other (paper section 5.1)."""
     parameters, watch, cell = scene.parameters, watch or Stopwatch(), plan.selection.cell
-    layers = []
     for index, objects in enumerate(plan.layers):
         with watch.stage("windows"):
             focal = texel_focal(scene.walls, objects, cell, parameters.camera.focal)
@@ -159,22 +163,22 @@ def capture_cell(scene: Scene, plan: CellPlan, capturer: Capturer, *, watch: Sto
             )
         with watch.stage("capture"):
             textures = capturer.depth_textures(objects, [view for _, view in views], supersample=parameters.supersample)
-        with watch.stage("meshing"):
-            for (sector, _), whole in zip(views, textures, strict=True):
+        for (sector, _), whole in zip(views, textures, strict=True):
+            with watch.stage("meshing"):
                 texture = _finished(whole, parameters.quad)
                 if texture is None:
                     continue
                 mesh = grid_mesh(texture, quad=parameters.quad)
                 shown = np.unique(texture.object_ids[texture.coverage]).astype(np.int64)
-                layers.append(Layer(index, sector, shown, texture, mesh))
-    layers.sort(key=lambda layer: (layer.sector, layer.index))
-    return Impostor(cell, plan.selection.near, plan.selection.far, tuple(layers))
+            yield Layer(index, sector, shown, texture, mesh)
 
 
 def build_cell(scene: Scene, cell: ViewingCell, capturer: Capturer, *, watch: Stopwatch | None = None) -> Impostor:
-    """A cell's multi-mesh impostor (paper section 4)."""
-    identify: Callable[..., NDArray[np.int32]] = capturer.identify
-    return capture_cell(scene, plan_cell(scene, cell, identify=identify, watch=watch), capturer, watch=watch)
+    """A cell's multi-mesh impostor (paper section 4), its layers sorted by sector."""
+    plan = plan_cell(scene, cell, identify=capturer.identify, watch=watch)
+    layers = capture_layers(scene, plan, capturer, watch=watch)
+    by_sector = tuple(sorted(layers, key=lambda layer: (layer.sector, layer.index)))
+    return Impostor(cell, plan.selection.near, plan.selection.far, by_sector)
 
 
 def _finished(texture: DepthTexture, quad: int) -> DepthTexture | None:

@@ -10,7 +10,8 @@ as alpha. It also says how each texture was captured (``azimuth``, ``focal``, ``
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ import OpenEXR
 from numpy.typing import NDArray
 from PIL import Image
 
-from mmi.build import CellPlan, Scene
+from mmi.build import CellPlan, Scene, Stopwatch
 from mmi.camera import level_view
 from mmi.cells import ViewingCell
 from mmi.city import City
@@ -29,7 +30,7 @@ from mmi.ground import ground_mesh
 from mmi.impostor import DepthTexture, GridMesh, Impostor, Layer
 from mmi.surfaces import CityMesh, build_city_mesh
 
-__all__ = ["cell_entry", "city_glb", "read_impostor", "stored_cell", "write_cell_files"]
+__all__ = ["city_glb", "read_impostor", "stored_cell", "write_cell"]
 
 _GROUND_MARGIN = 300.0
 
@@ -47,41 +48,38 @@ def city_glb(city: City) -> tuple[bytes, int]:
     return glb_bytes(scene), len(mesh.triangles)
 
 
-def write_cell_files(folder: DatasetFolder, city: City, impostor: Impostor) -> dict[str, Any]:
-    """Write a cell's EXR and glTF; their checksum entries. Raises DatasetError where they cannot be written."""
-    name = f"cells/{impostor.cell.id}"
-    place = np.zeros(len(city.objects) + 1, dtype=np.uint32)  # object -1 is the last entry, and stays 0
-    place[impostor.far] = np.arange(1, len(impostor.far) + 1)
-    files = {"glb": folder.write(f"{name}.glb", glb_bytes(_scene(impostor)))}
-    if impostor.layers:
-        corners = np.array([layer.texture.view.window for layer in impostor.layers], dtype=np.int32)
-        first, last = corners[:, :2].min(axis=0), (corners[:, :2] + corners[:, 2:]).max(axis=0) - 1
-        parts = [_part(layer, place, (first, last)) for layer in impostor.layers]
-        files["exr"] = folder.write_with(f"{name}.exr", lambda path: OpenEXR.File(parts).write(str(path)))
-    return files
-
-
-def cell_entry(
-    scene: Scene, plan: CellPlan, impostor: Impostor, *, neighbours: Sequence[str], files: Mapping[str, Any]
+def write_cell(
+    folder: DatasetFolder,
+    scene: Scene,
+    plan: CellPlan,
+    layers: Iterable[Layer],
+    *,
+    neighbours: Sequence[str],
+    watch: Stopwatch,
 ) -> dict[str, Any]:
-    """A cell's entry in the manifest (see schemas/manifest.json): plain values."""
-    city, cell, camera = scene.city, impostor.cell, scene.parameters.camera
-    far_place = {int(i): place for place, i in enumerate(impostor.far)}
+    """Write a cell's EXR and glTF as its ``layers`` come, and return its entry in the manifest (schemas/manifest.json).
+
+    No more than one layer is held as it was captured. Raises DatasetError where the files cannot be written.
+    """
+    selection, city, cell = plan.selection, scene.city, plan.selection.cell
+    place = np.zeros(len(city.objects) + 1, dtype=np.uint32)  # object -1 is the last entry, and stays 0
+    place[selection.far] = np.arange(1, len(selection.far) + 1)
     sectors: list[list[dict[str, Any]]] = [[] for _ in range(scene.parameters.sectors)]
-    for layer in impostor.layers:
-        sectors[layer.sector].append(
-            {
-                "name": _name(layer),
-                "index": layer.index,
-                "objects": [far_place[int(i)] for i in layer.objects],
-                "focal": layer.texture.view.focal,
-                "window": list(layer.texture.view.window),
-                "triangles": len(layer.mesh.triangles),
-            }
-        )
-    layer_of = {int(i): index for index, objects in enumerate(plan.layers) for i in objects}
-    together = [layer_of[int(a)] == layer_of[int(b)] for a, b in plan.pairs]
-    largest = float(np.max(plan.weights[together], initial=0.0))
+    nodes, images, parts = [], [], []
+    texels = 0
+    for layer in layers:
+        with watch.stage("encoding"):
+            nodes.append(_node(layer, image=len(images)))
+            images.append(_image(layer))
+            parts.append(_part(layer, place))
+            sectors[layer.sector].append(_layer_entry(layer, place))
+            texels += layer.texture.depth.size
+    with watch.stage("writing"):
+        extras = {"cell": cell.id, "eye": cell.reference.tolist()}
+        gltf = glb_bytes(GlbScene(tuple(nodes), tuple(images), extras))
+        files = {"glb": folder.write(f"cells/{cell.id}.glb", gltf)}
+        if parts:
+            files["exr"] = folder.write_with(f"cells/{cell.id}.exr", lambda path: _write_exr(path, parts))
     return {
         "id": cell.id,
         "street": cell.street,
@@ -90,16 +88,16 @@ def cell_entry(
         "eye": list(cell.eye),
         "reference": cell.reference.tolist(),
         "neighbours": list(neighbours),
-        "near": [city.objects[i].id for i in impostor.near],
-        "far": [city.objects[i].id for i in impostor.far],
+        "near": [city.objects[i].id for i in selection.near],
+        "far": [city.objects[i].id for i in selection.far],
         "layers": sectors,
-        "triangles": sum(len(layer.mesh.triangles) for layer in impostor.layers),
-        "near_triangles": int(scene.mesh.triangle_counts[impostor.near].sum()),
-        "texels": sum(layer.texture.depth.size for layer in impostor.layers),
+        "triangles": sum(layer["triangles"] for sector in sectors for layer in sector),
+        "near_triangles": int(scene.mesh.triangle_counts[selection.near].sum()),
+        "texels": texels,
         "bytes": sum(file["bytes"] for file in files.values()),
         "promised_error_px": scene.parameters.max_error_px,
-        "largest_weight_px": camera.pixels_from_angle(min(largest, 1.5)),
-        "files": dict(files),
+        "largest_weight_px": _largest_weight_px(scene, plan),
+        "files": files,
     }
 
 
@@ -156,43 +154,65 @@ def _name(layer: Layer) -> str:
     return f"s{layer.sector}.l{layer.index}"
 
 
-def _part(
-    layer: Layer, place: NDArray[np.uint32], display: tuple[NDArray[np.int32], NDArray[np.int32]]
-) -> OpenEXR.Part:
-    """One part of the EXR: RGBA, Z, id. All parts of a file have the same ``display`` window."""
-    view, covered = layer.texture.view, layer.texture.coverage
-    left, top, width, height = view.window
+def _layer_entry(layer: Layer, place: NDArray[np.uint32]) -> dict[str, Any]:
+    return {
+        "name": _name(layer),
+        "index": layer.index,
+        "objects": [int(place[i]) - 1 for i in layer.objects],
+        "focal": layer.texture.view.focal,
+        "window": list(layer.texture.view.window),
+        "triangles": len(layer.mesh.triangles),
+    }
+
+
+def _largest_weight_px(scene: Scene, plan: CellPlan) -> float:
+    """The largest weight of a pair that shares a layer, in pixels at the centre of the display."""
+    layer_of = {int(i): index for index, objects in enumerate(plan.layers) for i in objects}
+    together = np.array([layer_of[int(a)] == layer_of[int(b)] for a, b in plan.pairs], dtype=bool)
+    largest = float(np.max(plan.weights[together], initial=0.0))
+    return scene.parameters.camera.pixels_from_angle(min(largest, 1.5))
+
+
+def _part(layer: Layer, place: NDArray[np.uint32]) -> OpenEXR.Part:
+    """One part of the EXR: RGBA, Z, id."""
+    texture, covered = layer.texture, layer.texture.coverage
+    left, top, width, height = texture.view.window
     rgba = np.zeros((height, width, 4), dtype=np.float16)
-    rgba[..., :3] = _HALF_FROM_SRGB[layer.texture.color]
+    rgba[..., :3] = _HALF_FROM_SRGB[texture.color]
     rgba[~covered] = 0.0
     rgba[..., 3] = covered
     corner = np.array([left, top], dtype=np.int32)
-    window = (corner, corner + np.array([width - 1, height - 1], dtype=np.int32))
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
-        "dataWindow": window,
-        "displayWindow": display,
-        "focal": float(view.focal),
+        "dataWindow": (corner, corner + np.array([width - 1, height - 1], dtype=np.int32)),
+        "focal": float(texture.view.focal),
     }
-    channels = {"RGBA": rgba, "Z": np.array(layer.texture.depth), "id": place[layer.texture.object_ids]}
+    channels = {"RGBA": rgba, "Z": np.array(texture.depth), "id": place[texture.object_ids]}
     return OpenEXR.Part(header, channels, name=_name(layer))
 
 
-def _scene(impostor: Impostor) -> GlbScene:
-    """The glTF of a cell: a node a layer."""
-    nodes, images = [], []
-    for layer in impostor.layers:
-        texture = layer.texture
-        alpha = np.where(texture.coverage, 255, 0).astype(np.uint8)
-        images.append(GlbImage(_png(np.dstack([texture.color, alpha]))))
-        primitive = GlbPrimitive(
-            layer.mesh.vertices, layer.mesh.triangles, uv=layer.mesh.uv, image=len(images) - 1, masked=True
-        )
-        extras = {"sector": layer.sector, "layer": layer.index, "focal": texture.view.focal}
-        nodes.append(GlbNode(_name(layer), (primitive,), extras | {"window": list(texture.view.window)}))
-    extras = {"cell": impostor.cell.id, "eye": impostor.cell.reference.tolist()}
-    return GlbScene(tuple(nodes), tuple(images), extras)
+def _write_exr(path: Path, parts: list[OpenEXR.Part]) -> None:
+    """One file of several parts, which must share their display window."""
+    windows = np.array([part.header["dataWindow"] for part in parts])
+    display = (windows[:, 0].min(axis=0), windows[:, 1].max(axis=0))
+    for part in parts:
+        part.header["displayWindow"] = display
+    OpenEXR.File(parts).write(str(path))
+
+
+def _image(layer: Layer) -> GlbImage:
+    """Colour, dilated beyond the silhouette, and coverage as alpha."""
+    alpha = np.where(layer.texture.coverage, 255, 0).astype(np.uint8)
+    return GlbImage(_png(np.dstack([layer.texture.color, alpha])))
+
+
+def _node(layer: Layer, *, image: int) -> GlbNode:
+    """A layer's mesh, and how its texture was captured."""
+    mesh, view = layer.mesh, layer.texture.view
+    primitive = GlbPrimitive(mesh.vertices, mesh.triangles, uv=mesh.uv, image=image, masked=True)
+    extras = {"sector": layer.sector, "layer": layer.index, "focal": view.focal, "window": list(view.window)}
+    return GlbNode(_name(layer), (primitive,), extras)
 
 
 def _primitives(mesh: CityMesh, index: int, *, image: int) -> tuple[GlbPrimitive, ...]:

@@ -25,9 +25,8 @@ from typing import Any
 import networkx as nx
 import numpy as np
 
-from mmi.build import CellPlan, Stopwatch, capture_cell, plan_cell, prepare_scene
-from mmi.capture import Capturer
-from mmi.cellfiles import cell_entry, city_glb, write_cell_files
+from mmi.build import CellPlan, Stopwatch, capture_layers, plan_cell, prepare_scene
+from mmi.cellfiles import city_glb, write_cell
 from mmi.cells import ViewingCell, spread, viewing_cells
 from mmi.city import City
 from mmi.dataset import FORMAT_VERSION, DatasetFolder, build_folder, readable_json
@@ -190,6 +189,8 @@ class _Worker:
     """One process's city, prepared once, and its OpenGL context."""
 
     def __init__(self, folder: DatasetFolder, city: City, parameters: BuildParameters) -> None:
+        from mmi.capture import Capturer  # here, so that a parent of workers does not load OpenGL
+
         self.folder = folder
         self.scene = prepare_scene(city, parameters)
         self.prints = [_look(self.scene.mesh, i, one) for i, one in enumerate(object_fingerprints(city))]
@@ -203,10 +204,8 @@ class _Worker:
         record = self.folder.record(job.cell.id)
         captured = record is None or record.get("content") != content
         if captured:
-            impostor = capture_cell(self.scene, plan, self.capturer, watch=watch)
-            with watch.stage("writing"):
-                files = write_cell_files(self.folder, self.scene.city, impostor)
-                entry = cell_entry(self.scene, plan, impostor, neighbours=job.neighbours, files=files)
+            layers = capture_layers(self.scene, plan, self.capturer, watch=watch)
+            entry = write_cell(self.folder, self.scene, plan, layers, neighbours=job.neighbours, watch=watch)
         else:
             entry = record["entry"] if record is not None else {}
         self.folder.write_record(job.cell.id, {"inputs": job.inputs, "content": content, "entry": entry})
@@ -262,13 +261,12 @@ def _run(
 
 def _deal(folder: DatasetFolder, jobs: list[_Job], ends: list[Connection]) -> Iterator[_Done]:
     """Hand jobs (from the list's end) to whichever worker is free."""
-    busy = []
+    busy = list(ends)
     for end in ends:
         end.send(jobs.pop())
-        busy.append(end)
     while busy:
-        for end in wait(busy):
-            assert isinstance(end, Connection)
+        for ready in wait(busy):
+            end = busy[busy.index(ready)]  # type: ignore[arg-type]
             try:
                 answer = end.recv()
             except (EOFError, OSError) as error:
