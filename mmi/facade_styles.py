@@ -1,6 +1,6 @@
 """How the storeys of each style of facade are painted: windows, balconies, doors, shops, and the walls around them.
 
-A painter works in place on one cell, one bay wide and one storey high, (64, 64, 3) float64 sRGB, row 0 at its top, with
+A painter works in place on one cell, one bay wide and one storey high, (64, 64, 3) float32 sRGB, row 0 at its top, with
 about 5 cm a texel. It draws every storey so that a wall may end above it: each starts with a moulding. No light and no
 tint, except the shadows that small reliefs throw. ``mmi.facades`` stacks the results into the atlas.
 """
@@ -14,14 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-__all__ = ["CELL", "STYLES", "WIDTH", "FloatImage", "Style", "noise"]
+__all__ = ["CELL", "STYLES", "WIDTH", "FloatImage", "Style", "noise", "plain"]
 
 CELL = 64
 """Texels of a bay's width and of a storey's height."""
 WIDTH = 512
 """Texels of the atlas's width, which every wall and roof spans."""
 
-FloatImage = NDArray[np.float64]
+FloatImage = NDArray[np.float32]
+"""(height, width, 3) sRGB, [0, 255] and a little beyond; float32, for a band of storeys is large."""
 _Color = tuple[float, float, float]
 _Surface = Callable[[np.random.Generator, int], FloatImage]
 _Painter = Callable[[FloatImage, np.random.Generator, int, int], None]
@@ -41,10 +42,18 @@ class Style:
     ground: _Painter
 
 
-def noise(rng: np.random.Generator, height: int, size: int, *, width: int = WIDTH) -> FloatImage:
+def noise(rng: np.random.Generator, height: int, size: int, *, width: int = WIDTH) -> NDArray[np.float32]:
     """(height, width) of zero mean and unit deviation, in blots of about ``size`` texels, seamless in both directions."""
-    grain = uniform_filter(rng.standard_normal((height, width)), size, mode="wrap")
-    return np.asarray((grain - grain.mean()) / grain.std())
+    grain = rng.standard_normal((height, width))
+    uniform_filter(grain, size, output=grain, mode="wrap")
+    grain -= grain.mean()
+    grain /= grain.std()
+    return grain.astype(np.float32)
+
+
+def plain(color: _Color, factor: NDArray[np.float32]) -> FloatImage:
+    """``color`` times ``factor`` (height, width): a surface before anything is painted on it."""
+    return factor[..., None] * np.array(color, dtype=np.float32)
 
 
 def _fill(image: FloatImage, y0: int, y1: int, x0: int, x1: int, color: _Color) -> None:
@@ -168,7 +177,7 @@ def _door(cell: FloatImage, rng: np.random.Generator, *, top: int, arched: bool)
 
 def _stucco_wall(rng: np.random.Generator, height: int) -> FloatImage:
     shade = 1.0 + 0.018 * noise(rng, height, 2) + 0.02 * noise(rng, height, 11)
-    wall = np.array([232.0, 225.0, 211.0]) * shade[..., None]
+    wall = plain((232.0, 225.0, 211.0), shade)
     wall[15::16] *= 0.96
     return wall
 
@@ -228,14 +237,15 @@ def _stucco_ground(cell: FloatImage, rng: np.random.Generator, row: int, bay: in
 
 
 def _brick_wall(rng: np.random.Generator, height: int) -> FloatImage:
-    courses, long = -(-height // 3), WIDTH // 8
-    tone = np.repeat(np.repeat(rng.normal(1.0, 0.06, (courses, long)), 3, axis=0), 8, axis=1)[:height]
-    hue = np.repeat(np.repeat(rng.normal(0.0, 4.0, (courses, long)), 3, axis=0), 8, axis=1)[:height]
-    wall = np.array([172.0, 108.0, 84.0]) * tone[..., None] + hue[..., None] * np.array([0.4, 1.0, 1.0])
-    y, x = np.mgrid[:height, :WIDTH]
+    bricks = (-(-height // 3), WIDTH // 8)
+    tone, hue = rng.normal(1.0, 0.06, bricks), rng.normal(0.0, 4.0, bricks)
+    colors = tone[..., None] * np.array([172.0, 108.0, 84.0]) + hue[..., None] * np.array([0.4, 1.0, 1.0])
+    wall = np.repeat(np.repeat(colors.astype(np.float32), 3, axis=0), 8, axis=1)[:height]
+    y, x = np.ogrid[:height, :WIDTH]
     mortar = (y % 3 == 2) | ((x + 4 * (y // 3 % 2)) % 8 == 7)
-    wall[mortar] = wall[mortar] * 0.7 + np.array([174.0, 162.0, 148.0]) * 0.3
-    return wall * (1.0 + 0.025 * noise(rng, height, 19))[..., None]
+    wall[mortar] = wall[mortar] * np.float32(0.7) + np.float32(0.3) * np.array([174.0, 162.0, 148.0], dtype=np.float32)
+    wall *= (1.0 + 0.025 * noise(rng, height, 19))[..., None]
+    return wall
 
 
 def _brick_storey(cell: FloatImage, rng: np.random.Generator, row: int, bay: int) -> None:
@@ -283,7 +293,7 @@ def _brick_ground(cell: FloatImage, rng: np.random.Generator, row: int, bay: int
 
 def _concrete_wall(rng: np.random.Generator, height: int) -> FloatImage:
     shade = 1.0 + 0.012 * noise(rng, height, 1) + 0.025 * noise(rng, height, 15)
-    wall = np.array([216.0, 214.0, 208.0]) * shade[..., None]
+    wall = plain((216.0, 214.0, 208.0), shade)
     wall[:, ::64] *= 0.8
     wall[:, 1::64] *= 1.03
     return wall
@@ -339,8 +349,7 @@ def _concrete_ground(cell: FloatImage, rng: np.random.Generator, row: int, bay: 
 
 
 def _glass_wall(rng: np.random.Generator, height: int) -> FloatImage:
-    shade = 1.0 + 0.03 * noise(rng, height, 30)
-    return np.array([150.0, 166.0, 180.0]) * shade[..., None]
+    return plain((150.0, 166.0, 180.0), 1.0 + 0.03 * noise(rng, height, 30))
 
 
 def _glass_storey(cell: FloatImage, rng: np.random.Generator, row: int, bay: int) -> None:

@@ -9,12 +9,13 @@ Light is not painted, except the shadows that small reliefs throw: ``mmi.surface
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mmi.facade_styles import CELL, STYLES, WIDTH, FloatImage, noise
+from mmi.facade_styles import CELL, STYLES, WIDTH, FloatImage, Style, noise, plain
 
 __all__ = [
     "BAY",
@@ -67,21 +68,10 @@ def roof_strip(style: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float6
 @cache
 def facade_texture() -> NDArray[np.uint8]:
     """The atlas, (4096, 512, 3) uint8 sRGB, read-only: a constant, painted at the first call."""
-    rng = np.random.default_rng(1999)
-    parts = []
-    for style in STYLES:
-        band = style.wall(rng, ROWS * CELL)
-        for row in range(ROWS):
-            top = (ROWS - 1 - row) * CELL
-            for bay in range(BAYS):
-                cell = band[top : top + CELL, bay * CELL : (bay + 1) * CELL]
-                (style.storey if row else style.ground)(cell, rng, row, bay)
-        parts.append(band * (1.0 + 0.03 * noise(rng, ROWS * CELL, 24))[..., None])
-    # A glass front's blind walls are concrete.
-    parts += [_blind(style.wall(rng, 4 * CELL), rng) for style in (*STYLES[:3], STYLES[2])]
-    parts += [_zinc_roof(rng), _tar_roof(rng), _gravel_roof(rng), _membrane_roof(rng)]
-    image = np.concatenate([np.pad(part, ((_PAD, _PAD), (0, 0), (0, 0)), mode="edge") for part in parts])
-    atlas = np.clip(np.rint(image), 0, 255).astype(np.uint8)
+    atlas = np.empty((*TEXTURE_SIZE, 3), dtype=np.uint8)
+    top = 0
+    for part in _parts(np.random.default_rng(1999)):  # one at a time: as floats, all would be 100 MB
+        top = _stack(atlas, top, part)
     atlas.setflags(write=False)
     return atlas
 
@@ -91,6 +81,39 @@ def ground_texture() -> NDArray[np.uint8]:
     rng = np.random.default_rng(1997)
     grain = sum(weight * noise(rng, 256, size, width=256) for weight, size in ((5.0, 1), (5.0, 5), (6.0, 31)))
     return np.repeat(np.clip(np.rint(230.0 + grain), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
+
+
+def _parts(rng: np.random.Generator) -> Iterator[FloatImage]:
+    """All bands, then all plain strips, then all roof strips, without their padding."""
+    for style in STYLES:
+        yield _band(style, rng)
+    # A glass front's blind walls are concrete.
+    for style in (*STYLES[:3], STYLES[2]):
+        yield _blind(style.wall(rng, 4 * CELL), rng)
+    for roof in (_zinc_roof, _tar_roof, _gravel_roof, _membrane_roof):
+        yield roof(rng)
+
+
+def _band(style: Style, rng: np.random.Generator) -> FloatImage:
+    """All storeys of a style, the ground floor lowest."""
+    band = style.wall(rng, ROWS * CELL)
+    for row in range(ROWS):
+        top = (ROWS - 1 - row) * CELL
+        for bay in range(BAYS):
+            cell = band[top : top + CELL, bay * CELL : (bay + 1) * CELL]
+            (style.storey if row else style.ground)(cell, rng, row, bay)
+    band *= (1.0 + 0.03 * noise(rng, ROWS * CELL, 24))[..., None]
+    return band
+
+
+def _stack(atlas: NDArray[np.uint8], top: int, part: FloatImage) -> int:
+    """Put ``part`` into the atlas from row ``top``, its edge rows repeated; the row where the next one starts."""
+    first, last = top + _PAD, top + _PAD + len(part)
+    np.rint(part, out=part)
+    np.clip(part, 0.0, 255.0, out=part)
+    atlas[first:last] = part
+    atlas[top:first], atlas[last : last + _PAD] = atlas[first], atlas[last - 1]
+    return last + _PAD
 
 
 def _strip(start: int, style: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -104,11 +127,12 @@ def _strip(start: int, style: ArrayLike) -> tuple[NDArray[np.float64], NDArray[n
 def _blind(wall: FloatImage, rng: np.random.Generator) -> FloatImage:
     """A wall without windows: the mean colour of ``wall`` with streaks of rain, for one stretch over the whole _STRIP."""
     streaks = 0.022 * noise(rng, 1, 3) + 0.015 * noise(rng, 1, 17) + 0.01 * noise(rng, _STRIP, 6)
-    return np.asarray(wall.mean(axis=(0, 1)) * (1.0 + streaks)[..., None])
+    red, green, blue = wall.mean(axis=(0, 1), dtype=np.float64).tolist()
+    return plain((red, green, blue), 1.0 + streaks)
 
 
 def _zinc_roof(rng: np.random.Generator) -> FloatImage:
-    roof = np.array([158.0, 168.0, 178.0]) * (1.0 + 0.03 * noise(rng, _STRIP, 7))[..., None]
+    roof = plain((158.0, 168.0, 178.0), 1.0 + 0.03 * noise(rng, _STRIP, 7))
     roof[:, ::8] *= 1.12
     roof[:, 1::8] *= 0.84
     roof[::40] *= 0.9
@@ -116,23 +140,17 @@ def _zinc_roof(rng: np.random.Generator) -> FloatImage:
 
 
 def _tar_roof(rng: np.random.Generator) -> FloatImage:
-    roof = (
-        np.array([118.0, 112.0, 106.0])
-        * (1.0 + 0.05 * noise(rng, _STRIP, 2) + 0.05 * noise(rng, _STRIP, 13))[..., None]
-    )
+    roof = plain((118.0, 112.0, 106.0), 1.0 + 0.05 * noise(rng, _STRIP, 2) + 0.05 * noise(rng, _STRIP, 13))
     roof[::10] *= 0.88
     return roof
 
 
 def _gravel_roof(rng: np.random.Generator) -> FloatImage:
-    return (
-        np.array([172.0, 168.0, 160.0])
-        * (1.0 + 0.06 * noise(rng, _STRIP, 1) + 0.04 * noise(rng, _STRIP, 17))[..., None]
-    )
+    return plain((172.0, 168.0, 160.0), 1.0 + 0.06 * noise(rng, _STRIP, 1) + 0.04 * noise(rng, _STRIP, 17))
 
 
 def _membrane_roof(rng: np.random.Generator) -> FloatImage:
-    roof = np.array([198.0, 200.0, 200.0]) * (1.0 + 0.025 * noise(rng, _STRIP, 9))[..., None]
+    roof = plain((198.0, 200.0, 200.0), 1.0 + 0.025 * noise(rng, _STRIP, 9))
     roof[::20] *= 0.9
     roof[:, ::64] *= 0.9
     return roof

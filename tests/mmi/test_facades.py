@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import tracemalloc
 from itertools import pairwise
 
 import numpy as np
@@ -25,6 +26,15 @@ def test_the_atlas_is_a_constant(atlas):
     assert atlas.dtype == np.uint8
     assert not atlas.flags.writeable
     assert np.array_equal(atlas, facade_texture.__wrapped__())
+
+
+def test_painting_takes_little_memory():
+    """Every worker process paints the atlas (6 MB): as floats, all of it at once would be 25 MB and several times over."""
+    tracemalloc.start()
+    facade_texture.__wrapped__()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 28e6
 
 
 def test_bands_and_strips_share_no_texel_and_leave_room_for_mipmaps():
