@@ -15,6 +15,7 @@ import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -28,13 +29,17 @@ _MAGIC, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
 _REPEAT, _CLAMP = 10497, 33071
 _LINEAR, _TRILINEAR = 9729, 9987
 _VERTICES, _INDICES = 34962, 34963
-_Y_UP_FROM_Z_UP = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]  # by columns
+_Y_UP_FROM_Z_UP = (1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1)  # by columns
 _WEBP = "EXT_texture_webp"
 _UNLIT = "KHR_materials_unlit"
-_DTYPES: dict[int, np.dtype[Any]] = {5123: np.dtype("<u2"), 5125: np.dtype("<u4"), 5126: np.dtype("<f4")}
-_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+_DTYPES: Mapping[int, np.dtype[Any]] = MappingProxyType(
+    {5123: np.dtype("<u2"), 5125: np.dtype("<u4"), 5126: np.dtype("<f4")}
+)
+_WIDTHS = MappingProxyType({"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4})
 # Attribute -> (its bytes a vertex, component type, type).
-_LAYOUT = {"POSITION": (12, 5126, "VEC3"), "TEXCOORD_0": (8, 5126, "VEC2"), "COLOR_0": (8, 5123, "VEC4")}
+_LAYOUT = MappingProxyType(
+    {"POSITION": (12, 5126, "VEC3"), "TEXCOORD_0": (8, 5126, "VEC2"), "COLOR_0": (8, 5123, "VEC4")}
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +164,7 @@ def glb_bytes(scene: GlbScene) -> bytes:
         body += blob
         body += b"\0" * (-len(body) % 4)
 
-    root: dict[str, Any] = {"name": "y_up_from_z_up", "matrix": _Y_UP_FROM_Z_UP}
+    root: dict[str, Any] = {"name": "y_up_from_z_up", "matrix": list(_Y_UP_FROM_Z_UP)}
     if children:
         root["children"] = list(range(1, len(children) + 1))
     top: dict[str, Any] = {"nodes": [0]}
@@ -210,7 +215,7 @@ def read_glb(source: Path | bytes, *, name: str = "") -> GlbScene:
         images = tuple(reader.image(i) for i in range(len(document.get("images", []))))
         top = document["scenes"][0]
         root = document["nodes"][_index(top["nodes"][0])]
-        if root["matrix"] != _Y_UP_FROM_Z_UP:
+        if root["matrix"] != list(_Y_UP_FROM_Z_UP):
             raise ValueError("a root node that turns Z up to Y up expected")
         nodes = tuple(reader.node(i) for i in root.get("children", []))
         return GlbScene(nodes, images, dict(top.get("extras", {})))
@@ -230,24 +235,25 @@ def _primitive_entry(
 ) -> dict[str, Any]:
     """The primitive's entry; adds its data to the views under construction (named, as yet) and to the other lists."""
 
-    def add(view: str, array: NDArray[Any], component: int, kind: str, **bounds: list[float]) -> int:
+    def add(view: str, array: NDArray[Any], component: int, kind: str) -> int:
         chunk = chunks.setdefault(view, bytearray())
         offset = len(chunk)
         chunk += array.tobytes()
         chunk += b"\0" * (-len(chunk) % 4)
-        entry = {
-            "bufferView": view,
-            "byteOffset": offset,
-            "componentType": component,
-            "count": len(array),
-            "type": kind,
-        }
-        accessors.append(entry | bounds)
+        accessors.append(
+            {
+                "bufferView": view,
+                "byteOffset": offset,
+                "componentType": component,
+                "count": len(array),
+                "type": kind,
+            }
+        )
         return len(accessors) - 1
 
     positions = one.positions.astype("<f4")
-    low, high = positions.min(axis=0).tolist(), positions.max(axis=0).tolist()
-    attributes = {"POSITION": add("POSITION", positions, 5126, "VEC3", min=low, max=high)}
+    attributes = {"POSITION": add("POSITION", positions, 5126, "VEC3")}
+    accessors[-1] |= {"min": positions.min(axis=0).tolist(), "max": positions.max(axis=0).tolist()}
     if one.uv is not None:
         attributes["TEXCOORD_0"] = add("TEXCOORD_0", one.uv.astype("<f4"), 5126, "VEC2")
     if one.colors is not None:
