@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from os import SEEK_END
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -42,39 +43,45 @@ _LEVELS = (
     "buildinglevels", "levels", "floors", "floorsag", "numfloors", "nfloors", "storeys", "stories", "nbetages", "etages",
     "geschosse", "pisos", "plantas",
 )  # fmt: skip
-_BUILDING_COLUMNS = {
-    "min_height": ("minheight", "minheightm", "buildingminheight"),
-    "building:min_level": ("buildingminlevel", "minlevel"),
-    "building:part": ("buildingpart",),
-    "building": ("building",),
-    "layer": ("layer",),
-    "location": ("location",),
-}
-_STREET_COLUMNS = {
-    "highway": ("highway", "fclass", "roadclass", "roadtype", "nature", "class", "type", "kind"),
-    "name": ("name", "nom", "street", "streetname", "strname", "nomvoie"),
-    "width": ("width", "largeur", "breite"),
-    "lanes": ("lanes", "nbvoies", "numlanes"),
-    "tunnel": ("tunnel",),
-    "bridge": ("bridge",),
-    "layer": ("layer",),
-    "covered": ("covered",),
-    "indoor": ("indoor",),
-    "access": ("access",),
-    "foot": ("foot",),
-    "motor_vehicle": ("motorvehicle",),
-    "footway": ("footway",),
-    "area": ("area",),
-}
+_BUILDING_COLUMNS = MappingProxyType(
+    {
+        "min_height": ("minheight", "minheightm", "buildingminheight"),
+        "building:min_level": ("buildingminlevel", "minlevel"),
+        "building:part": ("buildingpart",),
+        "building": ("building",),
+        "layer": ("layer",),
+        "location": ("location",),
+    }
+)
+_STREET_COLUMNS = MappingProxyType(
+    {
+        "highway": ("highway", "fclass", "roadclass", "roadtype", "nature", "class", "type", "kind"),
+        "name": ("name", "nom", "street", "streetname", "strname", "nomvoie"),
+        "width": ("width", "largeur", "breite"),
+        "lanes": ("lanes", "nbvoies", "numlanes"),
+        "tunnel": ("tunnel",),
+        "bridge": ("bridge",),
+        "layer": ("layer",),
+        "covered": ("covered",),
+        "indoor": ("indoor",),
+        "access": ("access",),
+        "foot": ("foot",),
+        "motor_vehicle": ("motorvehicle",),
+        "footway": ("footway",),
+        "area": ("area",),
+    }
+)
 _IDS = ("id", "osmid", "idway", "osmway", "buildingid", "bldgid", "gmlid", "cleabs", "objectid", "uid", "gid", "pk")
 _BUILDING_WORDS = ("build", "bldg", "footprint", "bati", "gebaeude", "gebäude", "edific", "house", "pand")
 _STREET_WORDS = ("street", "road", "highway", "route", "rue", "strasse", "straße", "via", "calle", "troncon", "network")
-_OTHER_FORMATS = {
-    b'"CityJSON': "CityJSON",
-    b'"CityObjects"': "CityJSON",
-    b"CityModel": "CityGML",
-    b"glTF": "glTF",
-}
+_OTHER_FORMATS = MappingProxyType(
+    {
+        b'"CityJSON': "CityJSON",
+        b'"CityObjects"': "CityJSON",
+        b"CityModel": "CityGML",
+        b"glTF": "glTF",
+    }
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -355,7 +362,7 @@ def _text(value: object) -> str | None:
     return str(value).strip() or None
 
 
-def _tags(table: _Table, wanted: dict[str, tuple[str, ...]]) -> list[dict[str, str]]:
+def _tags(table: _Table, wanted: Mapping[str, tuple[str, ...]]) -> list[dict[str, str]]:
     """One dict of tags a feature: tag -> the cell of the column by one of the names (exact, or guessed)."""
     tags: list[dict[str, str]] = [{} for _ in table.geometries]
     for tag, names in wanted.items():

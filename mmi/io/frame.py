@@ -50,12 +50,15 @@ def parse_crs(text: str) -> pyproj.CRS:
     """The horizontal CRS that ``text`` names (``EPSG:32632``, WKT, ...).
 
     Raises:
-        ParameterError: pyproj does not understand it.
+        ParameterError: pyproj does not understand it, or it places nothing on the earth's surface.
     """
     try:
-        return _horizontal(pyproj.CRS.from_user_input(text))
+        crs = _horizontal(pyproj.CRS.from_user_input(text))
     except ProjError as error:
         raise ParameterError(f"--crs: expected a coordinate system such as EPSG:32632, found {text!r}") from error
+    if not (crs.is_projected or crs.is_geographic):
+        raise ParameterError(f"--crs: expected a projected or geographic system, found {text!r} ({crs.type_name})")
+    return crs
 
 
 def _horizontal(crs: pyproj.CRS) -> pyproj.CRS:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ _OPEN_ROOF_THICKNESS = 0.5
 _NUMBER = r"\d+(?:[.,]\d+)?|[.,]\d+"
 _METRIC = re.compile(rf"[~≈]?\s*([+-]?(?:{_NUMBER}))\s*(m|meters?|metres?|cm|km|ft|feet|foot)?\.?", re.IGNORECASE)
 _IMPERIAL = re.compile(rf"({_NUMBER})\s*['’′]\s*(?:({_NUMBER})\s*(?:\"|''|”|″))?")
-_UNITS = {"": 1.0, "m": 1.0, "c": 0.01, "k": 1000.0, "f": 0.3048}
+_UNITS = MappingProxyType({"": 1.0, "m": 1.0, "c": 0.01, "k": 1000.0, "f": 0.3048})
 
 
 def parse_metres(text: str) -> float | None:

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from types import MappingProxyType
 
 import networkx as nx
 import numpy as np
@@ -32,12 +33,12 @@ _SHORTEST = 1.0
 _HEADROOM = 2.5
 _MARGIN = 200.0
 
-_HALF_WIDTHS = {
+_HALF_WIDTHS = MappingProxyType({
     "motorway": 8.0, "trunk": 7.0, "primary": 5.0, "secondary": 4.5, "tertiary": 4.0,
     "motorway_link": 4.0, "trunk_link": 4.0, "primary_link": 3.0, "secondary_link": 3.0, "tertiary_link": 3.0,
     "unclassified": 3.0, "residential": 3.0, "living_street": 3.0, "road": 3.0, "service": 2.0, "street": 3.0,
     "pedestrian": 3.0, "track": 1.5, "footway": 1.5, "path": 1.0, "steps": 1.5, "cycleway": 1.5, "bridleway": 1.5,
-}  # fmt: skip
+})  # fmt: skip
 _DRIVE = frozenset({
     "motorway", "motorway_link", "trunk", "trunk_link", "primary", "primary_link", "secondary", "secondary_link", "tertiary",
     "tertiary_link", "unclassified", "residential", "living_street", "road", "street",
@@ -48,13 +49,15 @@ _NO_STREETS = frozenset(
     {"construction", "corridor", "crossing", "elevator", "platform", "proposed", "raceway", "rest_area", "services"}
 )
 # BD TOPO's NATURE and the like, where they differ from OpenStreetMap.
-_TRANSLATED = {
-    "escalier": "steps",
-    "sentier": "path",
-    "chemin": "track",
-    "autoroute": "motorway",
-    "type autoroutier": "motorway",
-}
+_TRANSLATED = MappingProxyType(
+    {
+        "escalier": "steps",
+        "sentier": "path",
+        "chemin": "track",
+        "autoroute": "motorway",
+        "type autoroutier": "motorway",
+    }
+)
 
 
 def street_kind(tags: dict[str, str]) -> str:

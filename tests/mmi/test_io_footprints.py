@@ -284,6 +284,8 @@ def test_missing_streets_and_unreadable_files_are_refused_in_one_line(tmp_path, 
         {"clip": (9.0, float("nan"), 10.0, 49.0)},
         {"crs": "EPSG:1234567"},
         {"crs": "utm please"},
+        {"crs": "EPSG:4978"},  # geocentric
+        {"crs": "EPSG:5714"},  # heights
     ],
 )
 def test_nonsense_options(tmp_path, street, options):
