@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from mmi.camera import Camera
@@ -74,3 +75,32 @@ class BuildParameters:
     def as_dict(self) -> dict[str, Any]:
         """For JSON: plain values in the same units."""
         return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> BuildParameters:
+        """The inverse of :meth:`as_dict`, after a trip through JSON too.
+
+        Raises ParameterError where a name is missing or unknown, or a value is not what it should be.
+        """
+        names = {one.name for one in fields(cls)}
+        if not isinstance(values, Mapping) or set(values) != names:
+            found = sorted(values) if isinstance(values, Mapping) else repr(values)
+            raise ParameterError(f"parameters {sorted(names)} expected, found {found}")
+        try:
+            low, high = values["eye"]
+            camera = Camera(**values["camera"])
+            landmarks = tuple((str(name), float(factor)) for name, factor in values["landmarks"])
+            made = cls(**{**values, "camera": camera, "landmarks": landmarks, "eye": (low, high)})
+        except (TypeError, ValueError) as error:
+            raise ParameterError(f"parameters as stored by build-impostors expected, found others ({error})") from error
+        for name, count in (
+            ("width", camera.width),
+            ("height", camera.height),
+            ("near_triangles", made.near_triangles or 0),
+            ("sectors", made.sectors),
+            ("quad", made.quad),
+            ("supersample", made.supersample),
+        ):
+            if type(count) is not int:
+                raise ParameterError(f"{name}: a whole number expected, found {count!r}")
+        return made

@@ -197,7 +197,8 @@ def _round_below(length: float) -> float:
 
 def _outline(geometry: BaseGeometry) -> Outline:
     """All rings of polygons as one path; holes stay open, since they run the other way round than exteriors."""
-    rings = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shapely.orient_polygons(geometry))]
+    parts = shapely.get_parts(shapely.orient_polygons(geometry))
+    rings = [shapely.get_coordinates(ring) for ring in shapely.get_rings(parts)]
     codes = [np.full(len(ring), Outline.LINETO, dtype=np.uint8) for ring in rings]
     for code in codes:
         code[0], code[-1] = Outline.MOVETO, Outline.CLOSEPOLY
