@@ -74,6 +74,8 @@ _STREET_COLUMNS = MappingProxyType(
 _IDS = ("id", "osmid", "idway", "osmway", "buildingid", "bldgid", "gmlid", "cleabs", "objectid", "uid", "gid", "pk")
 _BUILDING_WORDS = ("build", "bldg", "footprint", "bati", "gebaeude", "gebäude", "edific", "house", "pand")
 _STREET_WORDS = ("street", "road", "highway", "route", "rue", "strasse", "straße", "via", "calle", "troncon", "network")
+# pyogrio lets some of Python's own through; NameError when a .prj is no text.
+_GDAL_ERRORS = (DataSourceError, RuntimeError, ValueError, NameError)
 _OTHER_FORMATS = MappingProxyType(
     {
         b'"CityJSON': "CityJSON",
@@ -198,7 +200,7 @@ def _list_layers(path: Path) -> list[_Layer]:
                     kind = _kind(info["geometry_type"])
                     if kind is not None:
                         layers.append(_Layer(file, str(name), kind, tuple(str(one) for one in info["fields"])))
-        except (DataSourceError, RuntimeError, ValueError, UnicodeDecodeError) as error:
+        except _GDAL_ERRORS as error:
             reason = str(error).split("; It might")[0].split(";")[0]
             raise CityError(
                 f"{file}: expected OpenStreetMap (.osm, .osm.pbf) or what GDAL reads (GeoJSON, GeoPackage, Shapefile, ...); "
@@ -283,7 +285,7 @@ def _read(layer: _Layer, ledger: Ledger) -> _Table:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             meta, _, wkb, data = pyogrio.raw.read(layer.file, layer=layer.name, force_2d=True, datetime_as_string=True)
-    except (DataSourceError, RuntimeError, ValueError, UnicodeDecodeError) as error:
+    except _GDAL_ERRORS as error:
         raise CityError(f"{layer.file} (layer {layer.name}): cannot be read: {error}") from error
     for one in caught:
         ledger.warn(f"{layer.file.name}: {one.message}")

@@ -71,7 +71,7 @@ def read_osm(path: Path, ledger: Ledger, *, buildings: bool, streets: bool) -> t
     try:
         relations, members = _read_relations(path, ledger, buildings=buildings, streets=streets)
         ways, raw_buildings, raw_streets = _read_ways(path, ledger, members, buildings=buildings, streets=streets)
-    except RuntimeError as error:  # osmium has no error classes of its own
+    except (osmium.InvalidLocationError, RuntimeError, ValueError) as error:  # whatever osmium throws
         raise CityError(f"{path}: expected OpenStreetMap XML or PBF, complete to its end; found: {error}") from error
     assembled: list[RawBuilding] = []
     outlines: set[int] = set()

@@ -299,3 +299,18 @@ def test_columns_mean_nothing_for_openstreetmap(tmp_path):
     osm.box(1, 0, 0, 9, 9, building="yes", height="3")
     with pytest.raises(ParameterError, match="--height-column"):
         read_city(osm.write(tmp_path / "a.osm"), height_column="height")
+
+
+def test_what_the_libraries_throw_does_not_leak(tmp_path, street):
+    path = gpkg(tmp_path / "h.shp", h=("Polygon", [at(HOUSE[0])], {"height": [9]}))
+    path.with_suffix(".prj").write_bytes(b'PROJCS["\xa9\xf0\xe4')
+    with pytest.raises(CityError, match=r"h\.shp"):
+        read_city(path, streets=street)
+    osm = OsmFile()
+    osm.box(1, 0, 0, 9, 9, building="yes", height="3")
+    text = osm.write(tmp_path / "a.osm").read_text()
+    for old, new in (('id="1"', 'id="1x"'), ('lon="9', 'lon="x9'), ('lat="48', 'lat="480')):
+        (tmp_path / "a.osm").write_text(text.replace(old, new, 1))
+        with pytest.raises(CityError, match=r"a\.osm") as caught:
+            read_city(tmp_path / "a.osm")
+        assert "\n" not in str(caught.value)
