@@ -391,12 +391,13 @@ def _assemble(parts: list[_Part], objects: int, texture: NDArray[np.uint8]) -> C
     order = np.argsort(owners, kind="stable")
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
-    colors = np.concatenate([part.colors for part in parts])[order]
+    # Narrowed before they are joined: this is where a city takes most memory.
+    colors = [np.clip(np.rint(255.0 * part.colors), 0, 255).astype(np.uint8) for part in parts]
     bounds = np.arange(objects + 1)
     return CityMesh(
-        positions=np.concatenate([part.positions for part in parts])[order].astype(np.float32),
-        uv=np.concatenate([part.uv for part in parts])[order].astype(np.float32),
-        colors=np.clip(np.rint(255.0 * colors), 0, 255).astype(np.uint8),
+        positions=np.concatenate([part.positions for part in parts], dtype=np.float32, casting="same_kind")[order],
+        uv=np.concatenate([part.uv for part in parts], dtype=np.float32, casting="same_kind")[order],
+        colors=np.concatenate(colors)[order],
         triangles=place[triangles[np.argsort(triangle_owners, kind="stable")]].astype(np.int32),
         object_vertices=np.searchsorted(owners[order], bounds).astype(np.int64),
         object_triangles=np.searchsorted(np.sort(triangle_owners), bounds).astype(np.int64),
