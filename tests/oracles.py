@@ -19,7 +19,7 @@ class PrismRays:
     A grid of buckets over the plan only leaves out prisms that a ray's vertical plane does not pass.
     """
 
-    def __init__(self, city, *, bucket=20.0):
+    def __init__(self, city, *, bucket=30.0):
         walls, prisms = [], []
         for i, one in enumerate(city.objects):
             for prism in one.prisms:
@@ -67,12 +67,13 @@ class PrismRays:
 @njit(cache=True, error_model="numpy")
 def _first_hits(origins, directions, walls, wall_starts, prisms, starts, members, low, size, bucket, ground):
     hits = np.full(len(origins), -1, dtype=np.int64)
+    tallest = prisms[:, 2].max() + 1.0
     for r in range(len(origins)):
         x, y, z = origins[r]
         dx, dy, dz = directions[r]
         best = np.inf
-        if dz < 0.0:
-            best = (ground - z) / dz
+        if dz != 0.0:  # nothing is hit below the ground or above the tallest
+            best = max((ground - z) / dz, (tallest - z) / dz)
         gx, gy = math.floor((x - low[0]) / bucket), math.floor((y - low[1]) / bucket)
         entered = 0.0  # where the ray enters the present bucket
         while entered < best:
