@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
 from mmi.errors import DatasetError
 
@@ -38,14 +39,19 @@ def layer_style(layer: int) -> tuple[str, str]:
 def save(figure: Figure, path: Path) -> None:
     """Write ``figure`` as PNG; the same figure gives the same bytes. Raises DatasetError where that is impossible."""
     try:
-        figure.savefig(path, format="png", dpi=_DPI, metadata={"Software": None})
+        with warnings.catch_warnings():
+            warnings.filterwarnings(
+                "ignore", "Glyph .* missing from"
+            )  # streets have names in all of the world's scripts
+            figure.savefig(path, format="png", dpi=_DPI, metadata={"Software": None})
     except OSError as error:
         raise DatasetError(f"{path}: a writable file expected, found: {error.strerror or error}") from error
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """An empty figure of inches, drawn by Agg."""
-    figure = Figure(figsize=(width, height), dpi=_DPI, layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.1))
+def new_figure(width: float, height: float, *, arrange: bool = True) -> Figure:
+    """An empty figure of inches, drawn by Agg. Axes are arranged when it is drawn, or stay where they are put (faster)."""
+    layout = ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.1) if arrange else None
+    figure = Figure(figsize=(width, height), dpi=_DPI, layout=layout)
     FigureCanvasAgg(figure)
     return figure
 
@@ -56,13 +62,14 @@ def counted(n: int, noun: str) -> str:
 
 
 def plain_log_ticks(axis: Axis, low: float, high: float) -> None:
-    """Ticks of a logarithmic axis at powers of ten, and 2 and 5 times them where there is room; without exponents."""
+    """Ticks of a logarithmic axis at 1, 2 and 5 times powers of ten, fewer or more as there is room; without exponents."""
     powers = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     steps = [1.0, 2.0, 5.0] if high < 50.0 * low else [1.0]
     ticks = np.multiply.outer(powers, steps).ravel()
     ticks = ticks[(ticks >= 0.999 * low) & (ticks <= 1.001 * high)]
-    if len(ticks) < 2:
-        ticks = np.array([low, high])
+    if len(ticks) < 3:
+        ticks = MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(low, high)
+        ticks = ticks[(ticks >= low) & (ticks <= high)]
     axis.set_major_locator(FixedLocator(ticks))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))

@@ -144,7 +144,7 @@ def _histograms(dataset: Dataset) -> Figure:
         visible_objects=[len(one["near"]) + len(one["far"]) for one in cells],
         triangles=[one["triangles"] for one in cells],
         title=f"{Path(city['source']).name}: {counted(len(cells), 'cell')}, "
-        f"{parameters['max_error_px']:g} px of {display['width']} x {display['height']}",
+        f"at most {parameters['max_error_px']:g} px of error at {display['width']} x {display['height']}",
     )
 
 

@@ -176,17 +176,16 @@ def _within(footprints: Iterable[BaseGeometry], frame: Polygon) -> list[BaseGeom
 
 
 def _draw_scale_bar(axes: Axes) -> None:
-    """A bar of 1, 2 or 5 times a power of ten metres, at most a quarter of the map wide."""
+    """A bar of 1, 2 or 5 times a power of ten metres, at most a quarter of the map wide, below the map."""
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     length = _round_below(0.25 * (x1 - x0))
     text = f"{length:g} m" if length < 1000.0 else f"{length / 1000.0:g} km"
-    x, y, thick = x0 + 0.03 * (x1 - x0), y0 + 0.03 * (y1 - y0), 0.008 * (y1 - y0)
-    corner = (x - 1.5 * thick, y - 1.5 * thick)
-    axes.add_patch(Rectangle(corner, length + 3 * thick, 7 * thick, fc="white", ec="none", alpha=0.85, zorder=8.0))
+    thick = 0.008 * (y1 - y0)
+    y = y0 - 3.0 * thick
     for part, color in ((0, INK), (1, "white")):
-        start = x + 0.5 * part * length
-        axes.add_patch(Rectangle((start, y), 0.5 * length, thick, fc=color, ec=INK, linewidth=0.8, zorder=9.0))
-    axes.text(x + 0.5 * length, y + 1.8 * thick, text, ha="center", va="bottom", fontsize=SMALL, zorder=9.0)
+        start = x0 + 0.5 * part * length
+        axes.add_patch(Rectangle((start, y), 0.5 * length, thick, fc=color, ec=INK, linewidth=0.8, clip_on=False))
+    axes.text(x0 + length + 1.5 * thick, y + 0.5 * thick, text, ha="left", va="center_baseline", fontsize=SMALL)
 
 
 def _round_below(length: float) -> float:
@@ -266,7 +265,8 @@ def _legend(figure: Figure, handles: Sequence[Patch | Line2D]) -> None:
 def _title(axes: Axes, cell: ViewingCell, text: str) -> None:
     """Cell and street in bold, ``text`` below."""
     street = f", {cell.street}" if cell.street else ""
-    axes.set_title(f"cell {cell.id}{street}", loc="left", fontsize=11, weight="bold", pad=18)
+    title = axes.set_title(f"cell {cell.id}{street}", loc="left", fontsize=11, weight="bold", pad=18)
+    title.set_parse_math(False)  # a name may hold dollar signs
     axes.annotate(
         text, (0.0, 1.0), (0, 6), xycoords="axes fraction", textcoords="offset points", fontsize=9, va="bottom"
     )

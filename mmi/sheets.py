@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, MaxNLocator
+from matplotlib.ticker import FixedLocator, MaxNLocator, StrMethodFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from mmi.figures import EMPHASIS, INK, SMALL, counted, new_figure, plain_log_ticks, tidy
@@ -18,10 +18,12 @@ from mmi.impostor import Layer
 
 __all__ = ["dataset_histograms", "layer_sheet"]
 
-_COLUMN = 3.4
+_COLUMN = 2.7
 """Inches that a picture may be wide."""
-_TALLEST = 2.6
+_TALLEST = 2.2
 """Inches that a picture may be high."""
+_ABOVE, _BELOW, _LEFT, _BETWEEN = 0.24, 0.34, 0.75, 0.5
+"""Inches around a picture for its text and its ticks."""
 _TEXEL = 1.0 / 36.0
 """Inches that a texel may be large."""
 
@@ -36,22 +38,45 @@ def layer_sheet(layers: Sequence[Layer], *, title: str = "") -> Figure:
     if len(sectors) != 1:
         raise ValueError(f"the layers of one sector expected, found sectors {sectors}")
     scales = [_scale(one) for one in layers]
-    heights = [scale * one.texture.view.window[3] + 0.65 for one, scale in zip(layers, scales, strict=True)]
-    figure = new_figure(3.0 * _COLUMN + 2.0, sum(heights) + 1.4)
-    cells = figure.add_gridspec(len(layers) + 1, 3, height_ratios=[*heights, 0.12])
-    grid = [[figure.add_subplot(cells[i, j]) for j in range(3)] for i in range(len(layers))]
+    windows = [one.texture.view.window for one in layers]
+    rows = [scale * window[3] + _ABOVE + _BELOW for window, scale in zip(windows, scales, strict=True)]
+    wide, high = _LEFT + 3.0 * _COLUMN + 2.0 * _BETWEEN + 0.2, 0.75 + sum(rows) + 0.8
+    figure = new_figure(wide, high, arrange=False)
+
+    def add(left: float, top: float, width: float, height: float) -> Axes:
+        """Axes at inches from the figure's upper left corner."""
+        return figure.add_axes((left / wide, 1.0 - (top + height) / high, width / wide, height / high))
+
+    grid = []
+    for i, (scale, window) in enumerate(zip(scales, windows, strict=True)):
+        top = 0.75 + sum(rows[:i]) + _ABOVE
+        lefts = [_LEFT + j * (_COLUMN + _BETWEEN) for j in range(3)]
+        grid.append([add(left, top, scale * window[2], scale * window[3]) for left in lefts])
     finite = np.concatenate([one.texture.depth[one.texture.coverage] for one in layers])
-    low, high = float(finite.min(initial=np.inf)), float(finite.max(initial=0.0))
-    norm = LogNorm(low, max(high, 1.01 * low)) if finite.size else LogNorm(1.0, 10.0)
+    nearest, farthest = float(finite.min(initial=np.inf)), float(finite.max(initial=0.0))
+    norm = LogNorm(nearest, max(farthest, 1.01 * nearest)) if finite.size else LogNorm(1.0, 10.0)
     for row, one, scale in zip(grid, layers, scales, strict=True):
         _layer_row(row, one, norm, scale)
     for axes, text in zip(grid[0], ("colour where covered", "depth", "mesh"), strict=True):
         axes.annotate(text, (0.0, 1.0), (0, 20), xycoords="axes fraction", textcoords="offset points", weight="bold")
-    bar = figure.colorbar(grid[0][1].images[-1], cax=figure.add_subplot(cells[-1, :]), orientation="horizontal")
+    for axes in grid[-1]:
+        axes.annotate(
+            "u, v (texels)",
+            (0.0, 0.0),
+            (0, -20),
+            xycoords="axes fraction",
+            textcoords="offset points",
+            va="top",
+            fontsize=7,
+        )
+    scale_of_depth = add(_LEFT, high - 0.62, wide - _LEFT - 0.2, 0.12)
+    bar = figure.colorbar(grid[0][1].images[-1], cax=scale_of_depth, orientation="horizontal")
     bar.set_label("depth along the line of sight (m)", fontsize=SMALL)
     plain_log_ticks(bar.ax.xaxis, norm.vmin or 1.0, norm.vmax or 10.0)
     if title:
-        figure.suptitle(title, fontsize=11, x=0.01, ha="left", weight="bold")
+        figure.suptitle(
+            title, fontsize=11, x=0.01, y=1.0 - 0.12 / high, ha="left", va="top", weight="bold", parse_math=False
+        )
     return figure
 
 
@@ -79,7 +104,7 @@ def dataset_histograms(
         _histogram(axes, np.asarray(values, dtype=np.float64), what, unit)
     _running_total(panels[5], kilobytes)
     if title:
-        figure.suptitle(title, fontsize=11, x=0.01, ha="left", weight="bold")
+        figure.suptitle(title, fontsize=11, x=0.01, ha="left", weight="bold", parse_math=False)
     return figure
 
 
@@ -113,21 +138,18 @@ def _layer_row(row: Sequence[Axes], one: Layer, norm: LogNorm, scale: float) -> 
     depth = texture.depth[covered]
     between = f"{depth.min():.0f} to {depth.max():.0f} m" if depth.size else "nothing covered"
     texts = (
-        f"layer {one.index}: {counted(len(one.objects), 'object')}, {width} x {height} texels, {covered.mean():.0%} covered",
-        between,
+        f"layer {one.index}: {counted(len(one.objects), 'object')}, {width} x {height} texels",
+        f"{between}, {covered.mean():.0%} covered",
         counted(len(one.mesh.triangles), "triangle"),
     )
     for axes, text in zip(row, texts, strict=True):
-        axes.set_title(text, loc="left", fontsize=SMALL, pad=4).set_in_layout(False)
-        axes.set_anchor("NW")
+        axes.set_title(text, loc="left", fontsize=SMALL, pad=4)
         axes.tick_params(labelsize=7)
         few = scale * width < 1.0  # inches: no room for two labels
         axes.xaxis.set_major_locator(FixedLocator([left]) if few else MaxNLocator(min(6, int(2.0 * scale * width))))
         axes.yaxis.set_major_locator(MaxNLocator(int(np.clip(scale * height / 0.3, 1, 4)), integer=True))
         for spine in axes.spines.values():
             spine.set_color("#999999")
-    row[0].set_ylabel("v (texels)", fontsize=SMALL)
-    row[0].set_xlabel("u (texels)", fontsize=SMALL)
 
 
 def _histogram(axes: Axes, values: NDArray[np.float64], what: str, unit: str) -> None:
@@ -149,6 +171,7 @@ def _histogram(axes: Axes, values: NDArray[np.float64], what: str, unit: str) ->
     axes.set_ylabel(unit, fontsize=9)
     axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     axes.xaxis.set_major_locator(MaxNLocator(6, integer=whole))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,g}"))
     axes.tick_params(labelsize=SMALL)
     tidy(axes)
 

@@ -30,8 +30,8 @@ def test_a_row_shows_colour_depth_and_mesh_of_its_layer():
     *panels, bar = figure.axes
     assert len(panels) == 6
     assert [panels[i].get_title(loc="left") for i in (0, 1, 3, 4)] == [
-        "layer 0: 1 object, 128 x 64 texels, 25% covered", "58 to 72 m",
-        "layer 2: 1 object, 128 x 64 texels, 25% covered", "98 to 112 m",
+        "layer 0: 1 object, 128 x 64 texels", "58 to 72 m, 25% covered",
+        "layer 2: 1 object, 128 x 64 texels", "98 to 112 m, 25% covered",
     ]  # fmt: skip
     color, depth = (np.ma.asarray(panels[i].images[0].get_array()) for i in (0, 1))
     covered = layers[0].texture.coverage
