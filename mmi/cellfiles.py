@@ -65,7 +65,9 @@ def write_cell(
     place = np.zeros(len(city.objects) + 1, dtype=np.uint32)  # object -1 is the last entry, and stays 0
     place[selection.far] = np.arange(1, len(selection.far) + 1)
     sectors: list[list[dict[str, Any]]] = [[] for _ in range(scene.parameters.sectors)]
-    nodes, images, parts = [], [], []
+    nodes: list[GlbNode] = []
+    images: list[GlbImage] = []
+    parts: list[OpenEXR.Part] = []
     texels = 0
     for layer in layers:
         with watch.stage("encoding"):

@@ -194,9 +194,10 @@ def _build_parser() -> _Parser:
 
 
 def _build(options: argparse.Namespace) -> None:
+    width, height = options.display
     parameters = BuildParameters(
         max_error_px=options.max_error,
-        camera=Camera(*options.display, math.radians(options.fov)),
+        camera=Camera(width, height, math.radians(options.fov)),
         near_distance=options.near_distance,
         near_triangles=options.near_triangles,
         visibility=options.visibility,

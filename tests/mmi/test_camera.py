@@ -30,7 +30,11 @@ def test_a_display_without_meaning_is_refused(width, height, fov):
 
 
 @given(
-    st.tuples(finite, finite, finite), st.floats(-7.0, 7.0), st.floats(-900, 900), st.floats(-900, 900), st.floats(1, 999)
+    st.tuples(finite, finite, finite),
+    st.floats(-7.0, 7.0),
+    st.floats(-900, 900),
+    st.floats(-900, 900),
+    st.floats(1, 999),
 )
 def test_project_after_unproject_is_the_identity(eye, azimuth, u, v, depth):
     view = level_view(np.array(eye), azimuth, focal=400.0, window=(0, 0, 4, 4))

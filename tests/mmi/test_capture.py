@@ -95,8 +95,8 @@ def test_the_item_buffer_agrees_with_the_capture():
 
 
 def test_a_layer_of_many_objects_takes_several_passes_and_shows_them_all():
-    objects = [block(f"{i}", (i % 30) * 5.0 - 75.0, 60.0 + i // 30 * 5.0, (i % 30) * 5.0 - 71.0, 64.0 + i // 30 * 5.0, 3.0 + i // 30)
-               for i in range(600)]  # fmt: skip
+    corners = [((i % 30) * 5.0 - 75.0, 60.0 + i // 30 * 5.0, 3.0 + i // 30) for i in range(600)]
+    objects = [block(f"{i}", x, y, x + 4.0, y + 4.0, top) for i, (x, y, top) in enumerate(corners)]
     texture = _looking_north(city_of(*objects), range(600), size=512, eye=(0.0, 0.0, 40.0))
     assert len(np.unique(texture.object_ids)) > 500
 

@@ -129,7 +129,7 @@ def _changed(city: City, name: str, top: float) -> City:
     return replace(city, objects=objects)
 
 
-def test_a_changed_building_rebuilds_the_cells_that_see_it_and_no_others(built, tmp_path):
+def test_a_changed_building_rebuilds_the_cells_that_see_it_and_no_others(tmp_path):
     out = tmp_path / "out"
     build_dataset(crossroads(), out, PARAMETERS)
     # A house in the courtyard of a block, too low to be seen over it, and then tall enough to be seen by some.
@@ -147,14 +147,14 @@ def test_a_changed_building_rebuilds_the_cells_that_see_it_and_no_others(built, 
     assert contents(out) == contents(tmp_path / "fresh")
 
 
-def test_a_changed_parameter_rebuilds_everything(built, tmp_path):
+def test_a_changed_parameter_rebuilds_everything(tmp_path):
     out = tmp_path / "out"
     build_dataset(crossroads(), out, PARAMETERS, max_cells=3)
     summary = build_dataset(crossroads(), out, replace(PARAMETERS, max_error_px=5.0), max_cells=3)
     assert summary.built == 3
 
 
-def test_more_cells_keep_those_that_are_there(built, tmp_path):
+def test_more_cells_keep_those_that_are_there(tmp_path):
     out = tmp_path / "out"
     build_dataset(crossroads(), out, PARAMETERS, max_cells=3)
     names = [entry["id"] for entry in open_dataset(out).manifest["cells"]]
@@ -165,7 +165,7 @@ def test_more_cells_keep_those_that_are_there(built, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".exr", ".glb", ".json"])
-def test_a_damaged_cell_is_noticed_and_mended(built, tmp_path, suffix):
+def test_a_damaged_cell_is_noticed_and_mended(tmp_path, suffix):
     out = tmp_path / "out"
     build_dataset(crossroads(), out, PARAMETERS, max_cells=2)
     before = contents(out)
@@ -222,8 +222,7 @@ def test_a_full_disk_says_so_and_loses_nothing(built, tmp_path):
     script = tmp_path / "build.py"
     script.write_text(
         "import resource, signal\nsignal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))\n"
-        + SCRIPT.format(paths=PATHS)
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))\n" + SCRIPT.format(paths=PATHS)
     )
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "numba")}
     done = subprocess.run(

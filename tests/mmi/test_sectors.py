@@ -1,7 +1,6 @@
 import math
 
 import numpy as np
-import pytest
 from cities import block, cell_along_x, city_of, crossroads
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -22,9 +21,7 @@ def test_walls_belong_to_their_objects_courtyards_included():
 
 
 def _views(city, objects, *, sectors=6):
-    return dict(
-        layer_views(walls_of(city), np.array(objects), cell_along_x(), sectors=sectors, focal=FOCAL, quad=16)
-    )
+    return dict(layer_views(walls_of(city), np.array(objects), cell_along_x(), sectors=sectors, focal=FOCAL, quad=16))
 
 
 def test_an_object_ahead_is_in_the_sector_that_faces_it_only():
@@ -86,4 +83,3 @@ def test_texels_are_no_larger_than_pixels_from_anywhere_in_the_cell(distance, az
 def test_floating_prisms_have_windows_above_the_ground():
     views = _views(city_of(block("bridge", 80.0, -5.0, 90.0, 5.0, 20.0, bottom=15.0)), [0])
     assert views[0].window[1] + views[0].window[3] <= -64
-
