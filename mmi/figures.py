@@ -68,7 +68,7 @@ def plain_log_ticks(axis: Axis, low: float, high: float) -> None:
     ticks = np.multiply.outer(powers, steps).ravel()
     ticks = ticks[(ticks >= 0.999 * low) & (ticks <= 1.001 * high)]
     if len(ticks) < 3:
-        ticks = MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(low, high)
+        ticks = np.asarray(MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(low, high))
         ticks = ticks[(ticks >= low) & (ticks <= high)]
     axis.set_major_locator(FixedLocator(ticks))
     axis.set_minor_locator(NullLocator())
