@@ -28,6 +28,7 @@ from mmi.errors import DatasetError
 from mmi.glb import GlbImage, GlbNode, GlbPrimitive, GlbScene, glb_bytes, read_glb
 from mmi.ground import ground_mesh
 from mmi.impostor import DepthTexture, GridMesh, Impostor, Layer
+from mmi.srgb import linear_from_srgb
 from mmi.surfaces import CityMesh, build_city_mesh
 
 __all__ = ["city_glb", "read_impostor", "stored_cell", "write_cell"]
@@ -242,9 +243,8 @@ def _png(pixels: NDArray[np.uint8]) -> bytes:
 
 
 def _half_from_srgb() -> NDArray[np.float16]:
-    """(256,) linear light of each sRGB byte (IEC 61966-2-1); half floats tell all of them apart."""
-    value = np.arange(256) / 255.0
-    linear = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float16)
+    """(256,) linear light of each sRGB byte; half floats tell all of them apart."""
+    linear = linear_from_srgb(np.arange(256, dtype=np.uint8)).astype(np.float16)
     linear.setflags(write=False)
     return linear
 
