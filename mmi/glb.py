@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.errors import DatasetError
+from mmi.srgb import linear_from_srgb, srgb_from_linear
 
 __all__ = ["GlbImage", "GlbNode", "GlbPrimitive", "GlbScene", "glb_bytes", "read_glb"]
 
@@ -257,8 +258,9 @@ def _primitive_entry(
     if one.uv is not None:
         attributes["TEXCOORD_0"] = add("TEXCOORD_0", one.uv.astype("<f4"), 5126, "VEC2")
     if one.colors is not None:
-        linear = np.concatenate([_linear_from_srgb(one.colors), np.full((len(one.colors), 1), 65535)], axis=1)
-        attributes["COLOR_0"] = add("COLOR_0", linear.astype("<u2"), 5123, "VEC4")
+        linear = np.ones((len(one.colors), 4))
+        linear[:, :3] = linear_from_srgb(one.colors)
+        attributes["COLOR_0"] = add("COLOR_0", np.rint(65535.0 * linear).astype("<u2"), 5123, "VEC4")
         accessors[-1]["normalized"] = True
     flat = one.triangles.reshape(-1)
     # 65535 itself would restart the primitive.
@@ -290,20 +292,6 @@ def _texture_entries(images: tuple[GlbImage, ...], first_view: int) -> dict[str,
         "textures": textures,
         "samplers": samplers if images else [],
     }
-
-
-def _linear_from_srgb(colors: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """sRGB bytes -> linear light, [0, 65535] (IEC 61966-2-1)."""
-    value = colors / 255.0
-    linear = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-    return np.rint(65535.0 * linear).astype(np.uint16)
-
-
-def _srgb_from_linear(linear: NDArray[np.uint16]) -> NDArray[np.uint8]:
-    """The inverse of :func:`_linear_from_srgb`."""
-    value = linear / 65535.0
-    srgb = np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1.0 / 2.4) - 0.055)
-    return np.rint(255.0 * srgb).astype(np.uint8)
 
 
 # ----------------------------------------------------------------------------------------------------- reading
@@ -399,7 +387,7 @@ class _Reader:
             positions=found["POSITION"],
             triangles=indices.astype(np.int32),
             uv=found.get("TEXCOORD_0"),
-            colors=_srgb_from_linear(found["COLOR_0"][:, :3]) if "COLOR_0" in found else None,
+            colors=srgb_from_linear(found["COLOR_0"][:, :3] / 65535.0) if "COLOR_0" in found else None,
             image=None if texture is None else _index(texture["index"]),
             masked=material.get("alphaMode") == "MASK",
         )

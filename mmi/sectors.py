@@ -45,11 +45,8 @@ class Walls:
 def walls_of(city: City) -> Walls:
     """The walls of all prisms of all objects, courtyards included."""
     prisms = [(i, prism) for i, one in enumerate(city.objects) for prism in one.prisms]
-    coordinates, ring = shapely.get_coordinates(
-        shapely.get_rings([prism.footprint for _, prism in prisms]), return_index=True
-    )
-    rings_of_prism = np.array([1 + len(prism.footprint.interiors) for _, prism in prisms], dtype=np.int64)
-    prism_of_ring = np.repeat(np.arange(len(prisms)), rings_of_prism)
+    rings, prism_of_ring = shapely.get_rings([prism.footprint for _, prism in prisms], return_index=True)
+    coordinates, ring = shapely.get_coordinates(rings, return_index=True)
     joined = ring[1:] == ring[:-1]
     prism_of_wall = prism_of_ring[ring[:-1][joined]]
     owner = np.array([i for i, _ in prisms], dtype=np.int64)[prism_of_wall]
