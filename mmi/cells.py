@@ -19,7 +19,16 @@ from numpy.typing import NDArray
 from mmi.city import City
 from mmi.errors import CityError, ParameterError
 
-__all__ = ["CellReport", "ViewingCell", "spread", "viewing_cells"]
+__all__ = [
+    "CHORD_TOLERANCE",
+    "CLEARANCE",
+    "MERGE_TOLERANCE",
+    "SHORT_PIECE",
+    "CellReport",
+    "ViewingCell",
+    "spread",
+    "viewing_cells",
+]
 
 CLEARANCE = 0.05
 """Metres that every cell keeps from every building."""
@@ -29,11 +38,11 @@ MERGE_TOLERANCE = 1.0
 """The same where it spares a piece shorter than ``SHORT_PIECE``."""
 SHORT_PIECE = 5.0
 """Metres below which a piece is merged with its neighbour in the street if it can be."""
-NARROWEST = 0.2
+_NARROWEST = 0.2
 """Metres of half width that a cell needs: where buildings leave less, the street is cut."""
-REMNANT = 0.5
+_REMNANT = 0.5
 """Metres below which what a cut leaves of a piece is given up."""
-PULLED_BACK = 1.0
+_PULLED_BACK = 1.0
 """Metres by which a cut may move an end that still counts as meeting the neighbours there."""
 
 
@@ -146,7 +155,7 @@ def viewing_cells(
     centre line (Douglas & Peucker 1973), chords longer than ``max_length`` metres are split evenly. ``eye`` is a band
     of heights above the ground, metres. The half width is the street's, at most ``max_half_width``, and shrinks until
     the cell keeps ``CLEARANCE`` from every prism that stands on the ground (from below the eyes to above the ground).
-    Where there is no room for ``NARROWEST`` the chord gives way to the centre line, and that is cut as far as needed.
+    Where there is no room for ``_NARROWEST`` the chord gives way to the centre line, and that is cut as far as needed.
 
     Raises ParameterError for options without meaning, CityError for a street without width.
     """
@@ -154,8 +163,8 @@ def viewing_cells(
         raise ParameterError(f"a cell length of at least 1 m expected, found {max_length!r}")
     if not (0.0 <= eye[0] <= eye[1] and math.isfinite(eye[1])):
         raise ParameterError(f"eye heights (low, high) above the ground expected, found {eye!r}")
-    if max_half_width is not None and not (math.isfinite(max_half_width) and max_half_width >= NARROWEST):
-        raise ParameterError(f"a half width of at least {NARROWEST} m expected, found {max_half_width!r}")
+    if max_half_width is not None and not (math.isfinite(max_half_width) and max_half_width >= _NARROWEST):
+        raise ParameterError(f"a half width of at least {_NARROWEST} m expected, found {max_half_width!r}")
     band = (city.ground + eye[0], city.ground + eye[1])
     obstacles = shapely.STRtree(
         [
@@ -302,7 +311,7 @@ def _blocked(pieces: list[_Piece], obstacles: shapely.STRtree) -> dict[int, list
     """Pieces whose chord has no room for a cell -> the obstacles that leave none."""
     chords = shapely.linestrings(np.array([piece.chord for piece in pieces]).reshape(-1, 2, 2))
     blocked: dict[int, list[int]] = {}
-    pairs = obstacles.query(chords, predicate="dwithin", distance=CLEARANCE + NARROWEST)
+    pairs = obstacles.query(chords, predicate="dwithin", distance=CLEARANCE + _NARROWEST)
     for piece, obstacle in sorted(zip(*pairs.tolist(), strict=True)):
         blocked.setdefault(piece, []).append(obstacle)
     return blocked
@@ -338,21 +347,21 @@ def _cut(piece: _Piece, obstacles: NDArray[np.object_], joints: Iterator[int]) -
     """What ``obstacles`` leave of a straight piece. Ends that were pulled back a little keep their joint."""
     a, b = piece.chord
     # A hair more room than _blocked asks for, since the buffer's arcs are polygons inside of them.
-    taken = shapely.union_all(shapely.buffer(obstacles, (CLEARANCE + NARROWEST) * 1.01))
+    taken = shapely.union_all(shapely.buffer(obstacles, (CLEARANCE + _NARROWEST) * 1.01))
     left = shapely.get_parts(shapely.difference(shapely.LineString([a, b]), taken))
     length = _length(piece.chord)
     along = (b - a) / length
     spans = sorted(sorted(((shapely.get_coordinates(part) - a) @ along).tolist()) for part in left if not part.is_empty)
     parts: list[_Piece] = []
-    previous, joint, reach = 0.0, piece.start, PULLED_BACK
+    previous, joint, reach = 0.0, piece.start, _PULLED_BACK
     for low, *_, high in spans:
-        if high - low < REMNANT:
+        if high - low < _REMNANT:
             continue
         start = joint if low - previous <= reach else next(joints)
         joint = next(joints)
         parts.append(_Piece(piece.street, np.array([a + low * along, a + high * along]), start, joint))
-        previous, reach = high, 2.0 * PULLED_BACK
-    if parts and length - previous <= PULLED_BACK:
+        previous, reach = high, 2.0 * _PULLED_BACK
+    if parts and length - previous <= _PULLED_BACK:
         last = parts.pop()
         parts.append(_Piece(last.street, last.points, last.start, piece.end))
     return parts

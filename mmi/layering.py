@@ -25,7 +25,15 @@ from shapely.geometry.base import BaseGeometry
 
 from mmi.errors import ParameterError
 
-__all__ = ["assign_layers", "event_graph", "layer_area", "layers_greedy", "layers_incremental", "panorama_boxes"]
+__all__ = [
+    "Layers",
+    "assign_layers",
+    "event_graph",
+    "layer_area",
+    "layers_greedy",
+    "layers_incremental",
+    "panorama_boxes",
+]
 
 _GREEDY = (
     ("dsatur", "saturation_largest_first"),
