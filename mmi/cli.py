@@ -234,7 +234,7 @@ def _build(options: argparse.Namespace) -> None:
         streets_layer=options.streets_layer,
     )
     _print_report(talk, report)
-    with _progress(options.quiet) as advance:
+    with _progress("cells", quiet=options.quiet) as advance:
         summary = build_dataset(
             city,
             options.output,
@@ -266,14 +266,14 @@ def _print_report(talk: Console, report: CityReport) -> None:
 
 
 class _progress:  # noqa: N801
-    """A progress bar on standard error, as a context manager that yields what to call after each cell."""
+    """A progress bar on standard error, as a context manager that yields what to call after each of ``things``."""
 
-    def __init__(self, quiet: bool) -> None:
+    def __init__(self, things: str, *, quiet: bool = False) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
         self._bar = Progress(
-            TextColumn("cells"),
+            TextColumn(things),
             BarColumn(),
             MofNCompleteColumn(),
             TimeRemainingColumn(),
@@ -286,7 +286,7 @@ class _progress:  # noqa: N801
 
     def __enter__(self) -> Callable[[int, int, str], None]:
         self._bar.start()
-        return lambda done, total, cell: self._bar.update(self._task, completed=done, total=total, description=cell)
+        return lambda done, total, name: self._bar.update(self._task, completed=done, total=total, description=name)
 
     def __exit__(self, *_: object) -> None:
         self._bar.stop()
@@ -316,7 +316,9 @@ def _inspect(options: argparse.Namespace) -> None:
     from mmi.dataset import open_dataset
     from mmi.inspection import inspect_dataset
 
-    written = inspect_dataset(open_dataset(options.dataset), options.output, cells=options.cell)
+    dataset = open_dataset(options.dataset)
+    with _progress("pictures") as advance:
+        written = inspect_dataset(dataset, options.output, cells=options.cell, progress=advance)
     if options.json:
         print(json.dumps([str(path) for path in written], indent=1))
     else:

@@ -24,6 +24,8 @@ _TALLEST = 2.2
 """Inches that a picture may be high."""
 _ABOVE, _BELOW, _LEFT, _BETWEEN = 0.24, 0.34, 0.75, 0.5
 """Inches around a picture for its text and its ticks."""
+_TOP = 0.6
+"""Inches above all pictures for the title and the columns' headings."""
 _TEXEL = 1.0 / 36.0
 """Inches that a texel may be large."""
 
@@ -40,7 +42,7 @@ def layer_sheet(layers: Sequence[Layer], *, title: str = "") -> Figure:
     scales = [_scale(one) for one in layers]
     windows = [one.texture.view.window for one in layers]
     rows = [scale * window[3] + _ABOVE + _BELOW for window, scale in zip(windows, scales, strict=True)]
-    wide, high = _LEFT + 3.0 * _COLUMN + 2.0 * _BETWEEN + 0.2, 0.75 + sum(rows) + 0.8
+    wide, high = _LEFT + 3.0 * _COLUMN + 2.0 * _BETWEEN + 0.2, _TOP + sum(rows) + 0.8
     figure = new_figure(wide, high, arrange=False)
 
     def add(left: float, top: float, width: float, height: float) -> Axes:
@@ -49,7 +51,7 @@ def layer_sheet(layers: Sequence[Layer], *, title: str = "") -> Figure:
 
     grid = []
     for i, (scale, window) in enumerate(zip(scales, windows, strict=True)):
-        top = 0.75 + sum(rows[:i]) + _ABOVE
+        top = _TOP + sum(rows[:i]) + _ABOVE
         lefts = [_LEFT + j * (_COLUMN + _BETWEEN) for j in range(3)]
         grid.append([add(left, top, scale * window[2], scale * window[3]) for left in lefts])
     finite = np.concatenate([one.texture.depth[one.texture.coverage] for one in layers])
