@@ -27,25 +27,30 @@ def schema(name):
     return found
 
 
+VALIDATORS = {name: jsonschema.Draft202012Validator(schema(name)) for name in ("manifest", "build")}
+
+
 def complaints(name, value):
-    return list(jsonschema.Draft202012Validator(schema(name)).iter_errors(value))
+    return list(VALIDATORS[name].iter_errors(value))
 
 
 @pytest.fixture(scope="module")
 def documents(tmp_path_factory):
-    """{name of the schema: what a build of the crossroads wrote}; one cell has layers."""
+    """{name of the schema: what a build of one of the crossroads' cells wrote}."""
     out = tmp_path_factory.mktemp("dataset") / "out"
     build_dataset(crossroads(), out, PARAMETERS, max_cells=1)
     return {name: json.loads((out / f"{name}.json").read_bytes()) for name in ("manifest", "build")}
 
 
 def objects(value, at=()):
-    """The way to every JSON object in ``value``, itself included."""
+    """The way to every JSON object in ``value``, itself included; of a list only to the first that holds anything."""
     if isinstance(value, dict):
         yield at
-    pairs = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    for key, one in pairs:
-        yield from objects(one, (*at, key))
+        for key, one in value.items():
+            yield from objects(one, (*at, key))
+    elif isinstance(value, list) and any(value):
+        first = next(i for i, one in enumerate(value) if one)
+        yield from objects(value[first], (*at, first))
 
 
 def part(value, way):
