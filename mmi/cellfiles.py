@@ -31,7 +31,7 @@ from mmi.impostor import DepthTexture, GridMesh, Impostor, Layer
 from mmi.srgb import linear_from_srgb
 from mmi.surfaces import CityMesh, build_city_mesh
 
-__all__ = ["city_glb", "read_impostor", "stored_cell", "write_cell"]
+__all__ = ["city_glb", "read_city_mesh", "read_impostor", "stored_cell", "write_cell"]
 
 _GROUND_MARGIN = 300.0
 
@@ -47,6 +47,18 @@ def city_glb(city: City) -> tuple[bytes, int]:
     images = (GlbImage(_png(mesh.texture), repeat=True), GlbImage(_png(ground.texture), repeat=True))
     scene = GlbScene(tuple(nodes), images, {"crs": city.crs, "origin": list(city.origin), "source": city.source})
     return glb_bytes(scene), len(mesh.triangles)
+
+
+def read_city_mesh(dataset: Dataset) -> tuple[CityMesh, CityMesh]:
+    """The geometry of all objects, in the city's order, and of the ground. Raises DatasetError when its file is damaged."""
+    entry = dataset.manifest["city"]["files"]["glb"]
+    name = str(dataset.path / entry["name"])
+    scene = read_glb(dataset.read(entry), name=name)
+    try:
+        *objects, ground = scene.nodes
+        return _city_mesh(objects, scene.images[0]), _city_mesh([ground], scene.images[1])
+    except (ValueError, IndexError, OSError) as error:
+        raise DatasetError(f"{name}: objects, ground and two textures expected, found others ({error})") from error
 
 
 def write_cell(
@@ -232,6 +244,26 @@ def _primitives(mesh: CityMesh, index: int, *, image: int) -> tuple[GlbPrimitive
             colors=mesh.colors[first:last],
             image=image,
         ),
+    )
+
+
+def _city_mesh(nodes: Sequence[GlbNode], image: GlbImage) -> CityMesh:
+    """The inverse of :func:`_primitives` for all objects."""
+    parts = [node.primitives[0] if node.primitives else None for node in nodes]
+    found = [part for part in parts if part is not None]
+    vertices = np.concatenate([[0], np.cumsum([0 if part is None else len(part.positions) for part in parts])])
+    triangles = np.concatenate([[0], np.cumsum([0 if part is None else len(part.triangles) for part in parts])])
+    first = [int(vertices[i]) for i, part in enumerate(parts) if part is not None]
+    with Image.open(io.BytesIO(image.data)) as picture:
+        texture = np.array(picture.convert("RGB"))
+    return CityMesh(
+        positions=np.concatenate([part.positions for part in found]),
+        uv=np.concatenate([part.uv for part in found if part.uv is not None]),
+        colors=np.concatenate([part.colors for part in found if part.colors is not None]),
+        triangles=np.concatenate([part.triangles + np.int32(start) for part, start in zip(found, first, strict=True)]),
+        object_vertices=vertices.astype(np.int64),
+        object_triangles=triangles.astype(np.int64),
+        texture=texture,
     )
 
 
