@@ -17,7 +17,7 @@ from mmi.farm import build_dataset
 from mmi.inspection import inspect_dataset, typical_cell
 from mmi.parameters import BuildParameters
 
-PARAMETERS = BuildParameters(near_distance=30.0, camera=Camera(128, 128, 1.0), cell_length=80.0)
+PARAMETERS = BuildParameters(near_distance=30.0, camera=Camera(128, 128, 1.0), cell_length=80.0, sectors=4)
 
 
 @pytest.fixture(scope="module")
@@ -205,6 +205,6 @@ def test_a_real_district_is_drawn(tmp_path):
     from mmi.io import read_city
 
     city, _ = read_city(HELSINKI)
-    build_dataset(city, tmp_path / "out", max_cells=4)
+    build_dataset(city, tmp_path / "out", max_cells=2)
     dataset = open_dataset(tmp_path / "out")
     assert len(inspect_dataset(dataset, tmp_path / "plots", cells=[one["id"] for one in dataset.manifest["cells"]])) > 8
