@@ -70,7 +70,7 @@ def facade_texture() -> NDArray[np.uint8]:
     """The atlas, (4096, 512, 3) uint8 sRGB, read-only: a constant, painted at the first call."""
     atlas = np.empty((*TEXTURE_SIZE, 3), dtype=np.uint8)
     top = 0
-    for part in _parts(np.random.default_rng(1999)):  # one at a time: as floats, all would be 100 MB
+    for part in _parts(np.random.default_rng(1999)):  # one at a time: as floats, all would be 25 MB
         top = _stack(atlas, top, part)
     atlas.setflags(write=False)
     return atlas
@@ -107,7 +107,10 @@ def _band(style: Style, rng: np.random.Generator) -> FloatImage:
 
 
 def _stack(atlas: NDArray[np.uint8], top: int, part: FloatImage) -> int:
-    """Put ``part`` into the atlas from row ``top``, its edge rows repeated; the row where the next one starts."""
+    """Put ``part`` into the atlas from row ``top``, its edge rows repeated; the row where the next one starts.
+
+    ``part`` is rounded in place.
+    """
     first, last = top + _PAD, top + _PAD + len(part)
     np.rint(part, out=part)
     np.clip(part, 0.0, 255.0, out=part)
