@@ -7,6 +7,7 @@ cells is made by :mod:`mmi.farm`.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -165,7 +166,7 @@ def capture_layers(
             textures = capturer.depth_textures(objects, [view for _, view in views], supersample=parameters.supersample)
         for (sector, _), whole in zip(views, textures, strict=True):
             with watch.stage("meshing"):
-                texture = _finished(whole, parameters.quad)
+                texture = _finished(whole, parameters.quad, math.tan(math.pi / parameters.sectors))
                 if texture is None:
                     continue
                 mesh = grid_mesh(texture, quad=parameters.quad)
@@ -181,8 +182,16 @@ def build_cell(scene: Scene, cell: ViewingCell, capturer: Capturer, *, watch: St
     return Impostor(cell, plan.selection.near, plan.selection.far, by_sector)
 
 
-def _finished(texture: DepthTexture, quad: int) -> DepthTexture | None:
-    """Cropped to the quads that show something, colour dilated; None where nothing shows."""
+def _finished(texture: DepthTexture, quad: int, half_width: float) -> DepthTexture | None:
+    """Cropped to the quads that show something, colour dilated.
+
+    None where nothing shows within ``half_width`` (tangent) of the middle: what is only seen in the overlap with the next
+    sector is that sector's.
+    """
+    shown = np.flatnonzero(texture.coverage.any(axis=0))
+    u = texture.view.pixel_centres()[0][shown]
+    if not (np.abs(u) <= half_width * texture.view.focal).any():
+        return None
     window = covered_window(texture, quad=quad)
     if window is None:
         return None

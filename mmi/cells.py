@@ -212,8 +212,9 @@ def viewing_cells(
 def spread(graph: nx.Graph, n: int) -> list[str]:
     """``n`` cells of ``graph`` spread over the city, or all if there are fewer: ids in the order of choice.
 
-    Farthest-point sampling (Gonzalez 1985) of the axes' middles from the one nearest to their mean, ties to the earlier
-    cell; the first k of ``spread(graph, n)`` are ``spread(graph, k)``. Raises ParameterError unless n is positive.
+    Cells are lined up along a Z-order curve through their middles (Morton 1966) and taken in van der Corput's order
+    (1935): any number of them is even over the city, dense where its streets are, and the first k of ``spread(graph, n)``
+    are ``spread(graph, k)``. Raises ParameterError unless n is positive.
     """
     if n < 1:
         raise ParameterError(f"at least one cell expected, found {n}")
@@ -221,13 +222,13 @@ def spread(graph: nx.Graph, n: int) -> list[str]:
     if not names:
         return []
     middles = np.array([graph.nodes[name]["cell"].reference[:2] for name in names])
-    chosen = [int(np.argmin(np.hypot(*(middles - middles.mean(axis=0)).T)))]
-    distance = np.full(len(names), np.inf)
-    for _ in range(min(n, len(names)) - 1):
-        distance = np.minimum(distance, np.hypot(*(middles - middles[chosen[-1]]).T))
-        distance[chosen[-1]] = -1.0
-        chosen.append(int(np.argmax(distance)))
-    return [names[i] for i in chosen]
+    extent = max(float(np.ptp(middles, axis=0).max()), 1e-9)
+    steps = np.minimum(((middles - middles.min(axis=0)) / extent * 1024).astype(np.int64), 1023)
+    curve = sum((steps[:, axis] >> bit & 1) << (2 * bit + axis) for axis in (0, 1) for bit in range(10))
+    line = np.argsort(curve, kind="stable")
+    bits = max(len(names) - 1, 1).bit_length()
+    reversed_bits = (int(f"{i:0{bits}b}"[::-1], 2) for i in range(1 << bits))
+    return [names[line[place]] for place in reversed_bits if place < len(names)][:n]
 
 
 def _streets(city: City) -> list[_Street]:

@@ -1,7 +1,7 @@
 """Depth textures -> grid meshes: a regular grid over the window, lifted to depth (paper section 5.1, DESIGN section 4).
 
 Vertices sit on capture rays, at depths fitted to the texels around them in 1/z, in which planes are linear. Quads without
-coverage go; silhouettes come from the texture's coverage, so the grid reaches just beyond them.
+coverage go (parts of split ones too); silhouettes come from the texture's coverage, so the grid reaches just beyond them.
 
 Texture coordinates are stored per vertex, and a graphics card interpolates them perspectively, which over a quad whose
 corners differ in depth is not what the capture saw. Such quads are split until the difference is below a tenth of a texel.
@@ -26,7 +26,7 @@ _UV_ERROR = 0.1  # texels
 def covered_window(texture: DepthTexture, *, quad: int) -> tuple[int, int, int, int] | None:
     """The part of the texture's window that its mesh reaches, in whole quads; None where nothing is covered."""
     left, top, _, _ = texture.view.window
-    keep = _quads_with_coverage(texture.coverage, quad)
+    keep = _blocks_with_coverage(texture.coverage, quad)
     rows, columns = np.flatnonzero(keep.any(axis=1)), np.flatnonzero(keep.any(axis=0))
     if not rows.size:
         return None
@@ -37,18 +37,17 @@ def covered_window(texture: DepthTexture, *, quad: int) -> tuple[int, int, int, 
 def grid_mesh(texture: DepthTexture, *, quad: int = 16) -> GridMesh:
     """The mesh of one depth texture.
 
-    ``quad`` is the side of a grid cell in texels; the window's size must be a multiple of it, and something covered.
-    Raises ValueError if not.
+    ``quad`` is the side of a grid cell in texels, a multiple of 8; the window's size must be a multiple of it, and
+    something covered. Raises ValueError if not.
     """
     left, top, width, height = texture.view.window
     covered = texture.coverage
-    if width % quad or height % quad or not covered.any():
+    if quad % _FINEST or width % quad or height % quad or not covered.any():
         raise ValueError(f"a covered window of whole quads of {quad} texels expected, found {width} x {height}")
     inverse = _fit(texture.depth, quad)
-    keep = _quads_with_coverage(covered, quad)
     inverse = _spread(inverse)
-    splits = _splits(inverse, quad)
-    lattice, weights, triangles = _triangulate(inverse, keep, splits)
+    shown = _blocks_with_coverage(covered, quad // _FINEST)
+    lattice, weights, triangles = _triangulate(inverse, shown, _splits(inverse, quad))
     uv = lattice / np.array([width, height]) * (quad / _FINEST)
     u = left + lattice[:, 0] * (quad / _FINEST)
     v = top + lattice[:, 1] * (quad / _FINEST)
@@ -137,16 +136,16 @@ def _plane_at_origin(
     return mw
 
 
-def _quads_with_coverage(covered: NDArray[np.bool_], quad: int) -> NDArray[np.bool_]:
-    """(rows, columns): quads that hold a covered texel, or touch one (filtering reaches half a texel beyond)."""
+def _blocks_with_coverage(covered: NDArray[np.bool_], side: int) -> NDArray[np.bool_]:
+    """(rows, columns): blocks of ``side`` texels that hold a covered one, or touch one (filtering reaches beyond)."""
     grown = covered.copy()
     grown[1:] |= covered[:-1]
     grown[:-1] |= covered[1:]
     across = grown.copy()
     grown[:, 1:] |= across[:, :-1]
     grown[:, :-1] |= across[:, 1:]
-    rows, columns = covered.shape[0] // quad, covered.shape[1] // quad
-    return np.asarray(grown.reshape(rows, quad, columns, quad).any(axis=(1, 3)))
+    rows, columns = covered.shape[0] // side, covered.shape[1] // side
+    return np.asarray(grown.reshape(rows, side, columns, side).any(axis=(1, 3)))
 
 
 def _spread(inverse: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -178,48 +177,41 @@ def _splits(inverse: NDArray[np.float64], quad: int) -> NDArray[np.int64]:
 
 @njit(cache=True)
 def _triangulate(
-    inverse: NDArray[np.float64], keep: NDArray[np.bool_], splits: NDArray[np.int64]
+    inverse: NDArray[np.float64], shown: NDArray[np.bool_], splits: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]:
-    """Vertices on a lattice of 1/8 quads (n, 2), their 1/z (n,) and the triangles (m, 3) of the kept quads."""
-    rows, columns = keep.shape
+    """Vertices on a lattice of 1/8 quads (n, 2), their 1/z (n,) and triangles (m, 3), where ``shown`` on that lattice."""
+    rows, columns = splits.shape
     index = np.full((rows * _FINEST + 1, columns * _FINEST + 1), -1, dtype=np.int32)
-    vertices = triangles = 0
+    most = 0
     for r in range(rows):
         for c in range(columns):
-            if keep[r, c]:
-                vertices += (splits[r, c] + 1) ** 2
-                triangles += 2 * splits[r, c] ** 2
-    lattice = np.empty((vertices, 2))
-    weights = np.empty(vertices)
-    corners = np.empty((triangles, 3), dtype=np.int32)
+            most += (splits[r, c] + 1) ** 2
+    lattice = np.empty((most, 2))
+    weights = np.empty(most)
+    corners = np.empty((2 * most, 3), dtype=np.int32)
     n = m = 0
     for r in range(rows):
         for c in range(columns):
-            if not keep[r, c]:
-                continue
             k = splits[r, c]
             step = _FINEST // k
-            for b in range(k + 1):
-                for a in range(k + 1):
-                    i, j = r * _FINEST + b * step, c * _FINEST + a * step
-                    if index[i, j] >= 0:
-                        continue
-                    s, t = a / k, b / k
-                    upper = inverse[r, c] * (1.0 - s) + inverse[r, c + 1] * s
-                    lower = inverse[r + 1, c] * (1.0 - s) + inverse[r + 1, c + 1] * s
-                    lattice[n, 0], lattice[n, 1] = j, i
-                    weights[n] = upper * (1.0 - t) + lower * t
-                    index[i, j] = n
-                    n += 1
             for b in range(k):
                 for a in range(k):
-                    i0, j0 = r * _FINEST + b * step, c * _FINEST + a * step
-                    i1, j1 = i0 + step, j0 + step
-                    corners[m, 0], corners[m, 1], corners[m, 2] = index[i0, j0], index[i1, j0], index[i1, j1]
-                    corners[m + 1, 0], corners[m + 1, 1], corners[m + 1, 2] = (
-                        index[i0, j0],
-                        index[i1, j1],
-                        index[i0, j1],
-                    )
+                    top, left = r * _FINEST + b * step, c * _FINEST + a * step
+                    if not shown[top : top + step, left : left + step].any():
+                        continue
+                    for corner in range(4):
+                        i, j = top + step * (corner // 2), left + step * (corner % 2)
+                        if index[i, j] < 0:
+                            s, t = (a + corner % 2) / k, (b + corner // 2) / k
+                            upper = inverse[r, c] * (1.0 - s) + inverse[r, c + 1] * s
+                            lower = inverse[r + 1, c] * (1.0 - s) + inverse[r + 1, c + 1] * s
+                            lattice[n, 0], lattice[n, 1] = j, i
+                            weights[n] = upper * (1.0 - t) + lower * t
+                            index[i, j] = n
+                            n += 1
+                    corners[m, 0], corners[m, 1] = index[top, left], index[top + step, left]
+                    corners[m, 2] = index[top + step, left + step]
+                    corners[m + 1, 0], corners[m + 1, 1] = index[top, left], index[top + step, left + step]
+                    corners[m + 1, 2] = index[top, left + step]
                     m += 2
-    return lattice[:n], weights[:n], corners
+    return lattice[:n], weights[:n], corners[:m].copy()

@@ -59,7 +59,7 @@ class BuildParameters:
         expect(self.weights in WEIGHTS, "weights", " or ".join(WEIGHTS))
         expect(self.layering in LAYERINGS, "layering", " or ".join(LAYERINGS))
         expect(4 <= self.sectors <= 36, "sectors", "4 to 36 sectors")
-        expect(4 <= self.quad <= 128 and self.quad % 4 == 0, "quad", "a multiple of 4 from 4 to 128")
+        expect(8 <= self.quad <= 128 and self.quad % 8 == 0, "quad", "a multiple of 8 from 8 to 128")
         expect(self.supersample in (1, 3, 5), "supersample", "1, 3 or 5")
         expect(5.0 <= self.cell_length <= 500.0, "cell_length", "5 to 500 metres")
         expect(0.0 < self.eye[0] <= self.eye[1] < 100.0, "eye", "heights above the ground, low and high, in metres")

@@ -208,9 +208,9 @@ def test_street_without_width_is_refused_by_name():
         viewing_cells(city_of([[(0, 0), (30, 0)]], half_width=math.nan))
 
 
-def test_spread_starts_in_the_middle_and_goes_far():
-    graph = viewing_cells(city_of([[(x, 0), (x + 10, 0)] for x in range(0, 90, 10)]))
-    assert spread(graph, 3) == ["0004-00", "0000-00", "0008-00"]
+def test_spread_is_even_and_nested():
+    graph = viewing_cells(city_of([[(x, 0), (x + 10, 0)] for x in range(0, 80, 10)]))
+    assert spread(graph, 4) == ["0000-00", "0004-00", "0002-00", "0006-00"]
     assert spread(graph, 5)[:3] == spread(graph, 3)
     assert sorted(spread(graph, 99)) == list(graph)
     with pytest.raises(ParameterError):
