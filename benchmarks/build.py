@@ -63,7 +63,7 @@ def main() -> None:
 
     print(f"\n{options.display}, {options.workers} workers\n")
     print(
-        "| city | objects | cells | visible | near | far | layers a view (median, max) | MB a cell | s a cell | cells / s | MB |"
+        "| city | objects | cells | visible | near | far | layers a view (median, max) | MB a cell | s a cell | cells/s | MB |"
     )
     print("|---|---|---|---|---|---|---|---|---|---|---|")
     for name, manifest, made in results:
