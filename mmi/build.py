@@ -36,7 +36,16 @@ from mmi.visibility import Identify, horizon_extractor, item_buffer_extractor, p
 if TYPE_CHECKING:
     from mmi.capture import Capturer
 
-__all__ = ["CellPlan", "Scene", "Stopwatch", "build_cell", "capture_layers", "plan_cell", "prepare_scene"]
+__all__ = [
+    "CellPlan",
+    "Scene",
+    "Stopwatch",
+    "build_cell",
+    "capture_layers",
+    "landmark_factors",
+    "plan_cell",
+    "prepare_scene",
+]
 
 _ALWAYS_NEAR = 4.0
 """Metres: what is closer to the cell than this is geometry whatever the triangle budget; a viewer could touch it."""
@@ -92,12 +101,18 @@ class CellPlan:
     layers: tuple[NDArray[np.int64], ...]
 
 
-def prepare_scene(city: City, parameters: BuildParameters) -> Scene:
-    """Prepare ``city`` for planning and capturing its cells. Raises ParameterError for a landmark that is not there."""
+def landmark_factors(city: City, parameters: BuildParameters) -> dict[int, float]:
+    """Index of each landmark -> its factor. Raises ParameterError for a landmark that is not there."""
     index = city.index()
     for name, _ in parameters.landmarks:
         if name not in index:
             raise ParameterError(f"landmark {name}: an object of {city.source} expected, found none of this id")
+    return {index[name]: factor for name, factor in parameters.landmarks}
+
+
+def prepare_scene(city: City, parameters: BuildParameters) -> Scene:
+    """Prepare ``city`` for planning and capturing its cells. Raises ParameterError for a landmark that is not there."""
+    landmarks = landmark_factors(city, parameters)
     mesh = build_city_mesh(city)
     if parameters.near_triangles is None:
         nearby = near_by_distance(parameters.near_distance)
@@ -112,7 +127,7 @@ def prepare_scene(city: City, parameters: BuildParameters) -> Scene:
         walls=walls_of(city),
         visible=horizon_extractor(prepare_horizon(city)) if parameters.visibility == "horizon" else None,
         near=chain(nearby, near_by_slope(parameters.steepest)),
-        landmarks={index[name]: factor for name, factor in parameters.landmarks},
+        landmarks=landmarks,
     )
 
 

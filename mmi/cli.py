@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 __all__ = ["build_impostors", "inspect_layers"]
 
+_MOST_WORKERS = 64
+"""Or as many as there are cores; each holds the city, some hundred megabytes."""
+
 _BUILD_EXAMPLE = """\
 examples:
   build-impostors examples/helsinki/helsinki.osm.pbf -o out/helsinki --max-cells 24
@@ -51,8 +54,8 @@ def inspect_layers(arguments: Sequence[str] | None = None) -> NoReturn:
         epilog=_INSPECT_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("dataset", type=Path, metavar="OUT", help="folder that build-impostors wrote")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the pictures")
+    parser.add_argument("dataset", type=_path, metavar="OUT", help="folder that build-impostors wrote")
+    parser.add_argument("-o", "--output", type=_path, required=True, metavar="DIR", help="folder for the pictures")
     parser.add_argument(
         "--cell", action="append", metavar="ID", help="a cell to plot (again for more; default: one typical)"
     )
@@ -102,14 +105,14 @@ def _build_parser() -> _Parser:
     default = BuildParameters()
     parser.add_argument(
         "city",
-        type=Path,
+        type=_path,
         metavar="CITY",
         help="OpenStreetMap .osm or .osm.pbf, or footprints in a format that GDAL reads",
     )
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="folder of the dataset")
+    parser.add_argument("-o", "--output", type=_path, required=True, metavar="OUT", help="folder of the dataset")
 
     city = parser.add_argument_group("the city")
-    city.add_argument("--streets", type=Path, metavar="FILE", help="streets, where CITY holds only buildings")
+    city.add_argument("--streets", type=_path, metavar="FILE", help="streets, where CITY holds only buildings")
     city.add_argument(
         "--crs", metavar="CRS", help="coordinate system, where a file declares none or a wrong one (EPSG:32632)"
     )
@@ -194,29 +197,18 @@ def _build_parser() -> _Parser:
 
 
 def _build(options: argparse.Namespace) -> None:
-    width, height = options.display
-    parameters = BuildParameters(
-        max_error_px=options.max_error,
-        camera=Camera(width, height, math.radians(options.fov)),
-        near_distance=options.near_distance,
-        near_triangles=options.near_triangles,
-        visibility=options.visibility,
-        weights=options.weights,
-        layering=options.layering,
-        landmarks=tuple(sorted(options.landmark)),
-        sectors=options.sectors,
-        quad=options.quad,
-        supersample=options.supersample,
-        cell_length=options.cell_length,
-        eye=options.eye,
-    )
-    workers = options.workers if options.workers is not None else len(os.sched_getaffinity(0))
-    if workers < 1:
-        raise ParameterError(f"--workers: a number of at least 1 expected, found {workers}")
+    parameters = _parameters(options)
+    cores = len(os.sched_getaffinity(0))
+    workers = options.workers if options.workers is not None else cores
+    if not 1 <= workers <= max(_MOST_WORKERS, cores):
+        raise ParameterError(f"--workers: 1 to {max(_MOST_WORKERS, cores)} processes expected, found {workers}")
+    if options.max_cells is not None and options.max_cells < 1:
+        raise ParameterError(f"--max-cells: a number of at least 1 expected, found {options.max_cells}")
 
     from rich.console import Console
 
-    from mmi.farm import build_dataset
+    from mmi.dataset import make_folder
+    from mmi.farm import build_dataset, cells_to_build
     from mmi.io import read_city
 
     talk = Console(stderr=options.json, quiet=options.quiet, highlight=False)
@@ -233,6 +225,10 @@ def _build(options: argparse.Namespace) -> None:
         buildings_layer=options.buildings_layer,
         streets_layer=options.streets_layer,
     )
+    cells_to_build(
+        city, parameters, cells=options.cells
+    )  # whoever mistypes an option gets one line, not a table before it
+    make_folder(options.output)
     _print_report(talk, report)
     with _progress("cells", quiet=options.quiet) as advance:
         summary = build_dataset(
@@ -247,6 +243,34 @@ def _build(options: argparse.Namespace) -> None:
     _print_summary(talk, summary, options.output)
     if options.json:
         print(json.dumps({"city": report.as_dict(), "build": _plain(summary)}, indent=1))
+
+
+def _parameters(options: argparse.Namespace) -> BuildParameters:
+    """The options as parameters; what is wrong with one is said by its option's name."""
+    width, height = options.display
+    try:
+        return BuildParameters(
+            max_error_px=options.max_error,
+            camera=Camera(width, height, math.radians(options.fov)),
+            near_distance=options.near_distance,
+            near_triangles=options.near_triangles,
+            visibility=options.visibility,
+            weights=options.weights,
+            layering=options.layering,
+            landmarks=tuple(sorted(options.landmark)),
+            sectors=options.sectors,
+            quad=options.quad,
+            supersample=options.supersample,
+            cell_length=options.cell_length,
+            eye=options.eye,
+        )
+    except ParameterError as error:
+        name, colon, rest = str(error).partition(":")
+        if name in BuildParameters.__slots__:
+            name = {"max_error_px": "--max-error", "camera": "--display, --fov"}.get(
+                name, f"--{name.replace('_', '-')}"
+            )
+        raise ParameterError(f"{name}{colon}{rest}") from None
 
 
 def _print_report(talk: Console, report: CityReport) -> None:
@@ -355,12 +379,23 @@ def _band(text: str) -> tuple[float, ...]:
 
 
 def _landmark(text: str) -> tuple[str, float]:
-    name, found, factor = text.rpartition("=")
+    name, _, factor = text.rpartition("=")
     try:
-        return name, float(factor) if found and name else float("nan")
+        if name:
+            return name, float(factor)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"ID=FACTOR expected, such as way/123=4, found {text!r}") from None
+        pass
+    raise argparse.ArgumentTypeError(f"ID=FACTOR expected, such as way/123=4, found {text!r}")
 
 
 def _names(text: str) -> list[str]:
-    return [name for name in text.split(",") if name]
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise argparse.ArgumentTypeError(f"ids of cells with commas between expected, found {text!r}")
+    return names
+
+
+def _path(text: str) -> Path:
+    if not text:
+        raise argparse.ArgumentTypeError("a path expected, found nothing")
+    return Path(text)

@@ -27,7 +27,7 @@ from mmi.city import City
 from mmi.errors import CityError, DatasetError
 from mmi.io.stored import canonical_json, city_from_json
 
-__all__ = ["FORMAT_VERSION", "Dataset", "DatasetFolder", "build_folder", "open_dataset", "readable_json"]
+__all__ = ["FORMAT_VERSION", "Dataset", "DatasetFolder", "build_folder", "make_folder", "open_dataset", "readable_json"]
 
 FORMAT_VERSION = 1
 _PROGRAM = "build-impostors"
@@ -96,6 +96,29 @@ class DatasetFolder:
             (self.path / "cells" / f"{cell}{suffix}").unlink(missing_ok=True)
 
 
+def make_folder(path: Path) -> None:
+    """Make ``path`` a folder that a dataset can be built in, changing nothing in a folder that holds something else.
+
+    Raises DatasetError when it is a file, a folder of other files, or cannot be made.
+    """
+    if path.exists() and not path.is_dir():
+        raise DatasetError(f"{path}: a folder for the dataset expected, found a file")
+    try:
+        present = {entry.name for entry in path.iterdir() if not _is_blank(entry)} if path.exists() else set()
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot be read ({error.strerror})") from error
+    if present and not _is_ours(path):
+        some = ", ".join(sorted(present)[:3])
+        raise DatasetError(
+            f"{path}: a new or empty folder, or a dataset of {_PROGRAM}, expected; found other files ({some}); "
+            "nothing was changed"
+        )
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+
+
 @contextmanager
 def build_folder(path: Path) -> Iterator[DatasetFolder]:
     """Make or reopen ``path`` for building, alone: a lock keeps a second build out for as long as this process lives.
@@ -103,20 +126,9 @@ def build_folder(path: Path) -> Iterator[DatasetFolder]:
     Raises DatasetError when the folder holds something else, is in use by another build, or cannot be written.
     """
     path = Path(path)
-    if path.exists() and not path.is_dir():
-        raise DatasetError(f"{path}: a folder for the dataset expected, found a file")
+    make_folder(path)
     try:
-        present = {entry.name for entry in path.iterdir()} if path.exists() else set()
-    except OSError as error:
-        raise DatasetError(f"{path}: cannot be read ({error.strerror})") from error
-    if present - {".lock"} and not _is_ours(path):
-        some = ", ".join(sorted(present)[:3])
-        raise DatasetError(
-            f"{path}: a new or empty folder, or a dataset of {_PROGRAM}, expected; found other files ({some}); "
-            "nothing was changed"
-        )
-    try:
-        (path / "cells").mkdir(parents=True, exist_ok=True)
+        (path / "cells").mkdir(exist_ok=True)
         lock = (path / ".lock").open("w")
     except OSError as error:
         raise _cannot_write(path, error) from error
@@ -205,6 +217,13 @@ def open_dataset(path: Path) -> Dataset:
 def readable_json(value: Any) -> bytes:  # noqa: ANN401
     """JSON for people as well: sorted and indented, ending in a line break."""
     return json.dumps(value, sort_keys=True, indent=1, allow_nan=False, ensure_ascii=False).encode() + b"\n"
+
+
+def _is_blank(entry: Path) -> bool:
+    """Whether this is what a build leaves in its folder that was killed before it could sign it with ``build.json``."""
+    if entry.name == "cells":
+        return entry.is_dir() and not any(entry.iterdir())
+    return entry.name == ".lock" or entry.name.startswith(f"build.json{_TEMPORARY}-")
 
 
 def _is_ours(path: Path) -> bool:

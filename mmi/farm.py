@@ -25,7 +25,7 @@ from typing import Any
 import networkx as nx
 import numpy as np
 
-from mmi.build import CellPlan, Stopwatch, capture_layers, plan_cell, prepare_scene
+from mmi.build import CellPlan, Stopwatch, capture_layers, landmark_factors, plan_cell, prepare_scene
 from mmi.cellfiles import city_glb, write_cell
 from mmi.cells import ViewingCell, spread, viewing_cells
 from mmi.city import City
@@ -74,8 +74,9 @@ def cells_to_build(
 ) -> tuple[nx.Graph, list[str]]:
     """The graph of all viewing cells, and the ids asked for: all, those named, or ``max_cells`` spread over the city.
 
-    Raises ParameterError for an unknown id or where there are no cells at all.
+    Raises ParameterError for an unknown cell or landmark, or where there are no cells at all.
     """
+    landmark_factors(city, parameters)
     graph = viewing_cells(city, max_length=parameters.cell_length, eye=parameters.eye)
     if not len(graph):
         raise ParameterError(f"{city.source}: streets with room for a viewing cell expected, found none")

@@ -15,6 +15,8 @@ __all__ = ["LAYERINGS", "VISIBILITIES", "WEIGHTS", "BuildParameters"]
 VISIBILITIES = ("horizon", "item-buffer")
 WEIGHTS = ("critical-zone", "critical-zone-unsigned")
 LAYERINGS = ("best", "incremental", "largest-first", "smallest-last", "dsatur")
+_MOST_PIXELS = 8192
+"""An 8K display; captures grow with the square of its focal length, and OpenGL draws 16384 pixels a side at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,11 @@ class BuildParameters:
             if not holds:
                 raise ParameterError(f"{name}: {expected} expected, found {getattr(self, name)!r}")
 
+        expect(
+            max(self.camera.width, self.camera.height) <= _MOST_PIXELS and self.camera.focal <= _MOST_PIXELS,
+            "camera",
+            f"at most {_MOST_PIXELS} pixels a side and a focal length of at most {_MOST_PIXELS} pixels",
+        )
         largest = 0.5 * min(self.camera.width, self.camera.height)
         expect(0.0 < self.max_error_px <= largest, "max_error_px", f"a number of pixels above 0 and up to {largest:g}")
         expect(0.0 < self.near_distance < math.inf, "near_distance", "a positive length in metres")
@@ -64,6 +71,8 @@ class BuildParameters:
         expect(5.0 <= self.cell_length <= 500.0, "cell_length", "5 to 500 metres")
         expect(0.0 < self.eye[0] <= self.eye[1] < 100.0, "eye", "heights above the ground, low and high, in metres")
         for name, factor in self.landmarks:
+            if not name:
+                raise ParameterError(f"landmark: an object's id expected, found none (factor {factor!r})")
             if not (factor >= 1.0 and math.isfinite(factor)):
                 raise ParameterError(f"landmark {name}: a factor of 1 or more expected, found {factor!r}")
 

@@ -33,6 +33,7 @@ __all__ = ["GDAL_SUFFIXES", "guess_column", "read_footprints", "read_street_line
 
 GDAL_SUFFIXES = (".fgb", ".geojson", ".gpkg", ".json", ".shp")
 """What is looked for in a folder."""
+_MESH_SUFFIXES = (".3ds", ".dae", ".fbx", ".obj", ".ply", ".stl")
 
 # Compared without case and punctuation; first come, first taken.
 _HEIGHT = (
@@ -186,7 +187,12 @@ def _list_layers(path: Path) -> list[_Layer]:
     if path.is_dir():
         files = sorted(one for one in path.iterdir() if one.suffix.lower() in GDAL_SUFFIXES)
         if not files:
-            raise CityError(f"{path}: a folder; expected one that holds {', '.join(GDAL_SUFFIXES)} files")
+            inside = sorted(one.name for one in path.iterdir())
+            found = ", ".join(inside[:6]) + (", ..." if len(inside) > 6 else "") if inside else "nothing"
+            raise CityError(
+                f"{path}: a folder; expected one file of a city, or a folder that holds {', '.join(GDAL_SUFFIXES)} files; "
+                f"found in it: {found}"
+            )
     else:
         files = [path]
         _refuse_other_formats(path)
@@ -201,7 +207,7 @@ def _list_layers(path: Path) -> list[_Layer]:
                     if kind is not None:
                         layers.append(_Layer(file, str(name), kind, tuple(str(one) for one in info["fields"])))
         except _GDAL_ERRORS as error:
-            reason = str(error).split("; It might")[0].split(";")[0]
+            reason = str(error).split("; It might")[0].split(";")[0].removeprefix(f"'{file}' ")
             raise CityError(
                 f"{file}: expected OpenStreetMap (.osm, .osm.pbf) or what GDAL reads (GeoJSON, GeoPackage, Shapefile, ...); "
                 f"found: {reason}"
@@ -215,12 +221,16 @@ def _refuse_other_formats(path: Path) -> None:
         head = file.read(65536)
         file.seek(-min(65536, path.stat().st_size), SEEK_END)
         head += file.read()
-    for mark, name in _OTHER_FORMATS.items():
-        if mark in head:
-            raise CityError(
-                f"{path}: {name} is not read; expected OpenStreetMap (.osm, .osm.pbf) or footprints and streets that GDAL "
-                "reads (GeoJSON, GeoPackage, Shapefile)"
-            )
+    name = next((name for mark, name in _OTHER_FORMATS.items() if mark in head), None)
+    if path.suffix.lower() in _MESH_SUFFIXES:
+        name = f"a mesh ({path.suffix})"
+    if not head:
+        name = "an empty file"
+    if name is not None:
+        raise CityError(
+            f"{path}: {name} is not read; expected OpenStreetMap (.osm, .osm.pbf) or footprints and streets that GDAL "
+            "reads (GeoJSON, GeoPackage, Shapefile)"
+        )
 
 
 def _kind(geometry_type: str | None) -> str | None:

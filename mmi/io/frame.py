@@ -156,7 +156,12 @@ def agree_on_crs(
 
     Raises:
         CityError: a CRS is missing or contradicted by the coordinates, or the layers lie apart; says where each lies.
+        ParameterError: ``override`` is given where every file has its CRS by its format.
     """
+    if override is not None and buildings.crs_certain and streets.crs_certain:
+        raise ParameterError(
+            f"--crs: a file whose CRS is unknown or wrong expected, found {buildings.file}: OpenStreetMap is always EPSG:4326"
+        )
     building_bounds = coordinate_bounds([item.geometry for item in buildings.items])
     street_bounds = coordinate_bounds([line for item in streets.items for line in item.lines])
     choices: list[tuple[pyproj.CRS | None, pyproj.CRS | None]] = []
