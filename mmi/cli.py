@@ -8,6 +8,7 @@ import math
 import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -229,7 +230,8 @@ def _build(options: argparse.Namespace) -> None:
         city, parameters, cells=options.cells
     )  # whoever mistypes an option gets one line, not a table before it
     make_folder(options.output)
-    _print_report(talk, report)
+    with suppress(SystemExit):  # rich leaves when nobody reads its output any more (| head): the build goes on
+        _print_report(talk, report)
     with _progress("cells", quiet=options.quiet) as advance:
         summary = build_dataset(
             city,
@@ -240,7 +242,8 @@ def _build(options: argparse.Namespace) -> None:
             workers=workers,
             progress=advance,
         )
-    _print_summary(talk, summary, options.output)
+    with suppress(SystemExit):
+        _print_summary(talk, summary, options.output)
     if options.json:
         print(json.dumps({"city": report.as_dict(), "build": _plain(summary)}, indent=1))
 

@@ -15,9 +15,10 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
-from multiprocessing import get_context
+from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
@@ -247,7 +248,8 @@ def _run(
         for _ in range(workers):
             ours, theirs = context.Pipe()
             process = context.Process(target=_serve, args=(theirs, str(folder.path), parameters), daemon=True)
-            process.start()
+            with _without_interrupts():
+                process.start()
             theirs.close()
             ends.append(ours)
             processes.append(process)
@@ -258,6 +260,17 @@ def _run(
         for process in processes:
             process.join(timeout=10.0)
             process.kill()
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Hold Ctrl-C back; a process started meanwhile never sees it: Ctrl-C is the parent's business."""
+    resource_tracker.ensure_running()  # it lets Ctrl-C through again when it starts
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _deal(folder: DatasetFolder, jobs: list[_Job], ends: list[Connection]) -> Iterator[_Done]:
@@ -289,7 +302,6 @@ def _serve(jobs: Connection, path: str, parameters: BuildParameters) -> None:
 
     It reads the city that the dataset's folder holds, so that nothing large is sent between processes.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     os.environ["LP_NUM_THREADS"] = "1"  # software OpenGL: one thread a worker, as there is a worker a core
     worker: _Worker | None = None
     while True:
