@@ -28,7 +28,6 @@ from viewer.technique import CellLayers, Draw, Ground, Objects, Plan, Sky
 __all__ = ["Frame", "Renderer"]
 
 _NEAR, _FAR = 0.1, 20_000.0
-_ANISOTROPY = 8.0
 
 _COMMON = """
 #version 330
@@ -61,7 +60,7 @@ _GEOMETRY_FRAGMENT = """
 uniform sampler2D picture;
 in vec2 at; in vec3 tint; flat in int which; in float depth;
 void main() {
-    color_out = vec4(texture(picture, at).rgb * tint, 1.0);
+    color_out = vec4(texture(picture, at, -0.75).rgb * tint, 1.0);
 #ifdef MEASURED
     id_out = which; surface_out = vec2(depth, 0.0);
 #endif
@@ -201,10 +200,9 @@ class Renderer:
             for flag in ((False, True) if measured else (False,))
         }
         self._city = self._upload_mesh(
-            mesh, np.repeat(np.arange(len(mesh.triangle_counts)), np.diff(mesh.object_vertices)), _ANISOTROPY
+            mesh, np.repeat(np.arange(len(mesh.triangle_counts)), np.diff(mesh.object_vertices))
         )
-        # Anisotropic filtering of a ground that reaches the horizon takes software OpenGL seconds, for mere grain.
-        self._floor = self._upload_mesh(ground, np.full(len(ground.positions), -2), 1.0)
+        self._floor = self._upload_mesh(ground, np.full(len(ground.positions), -2))
         self._sets: dict[str, tuple[Any, int, dict[bool, Any]]] = {}
         self._layers: dict[tuple[str, str], dict[str, _LayerBuffers]] = {}
         self._sky = {
@@ -371,26 +369,23 @@ class Renderer:
             context.depth_renderbuffer(size),
         )
 
-    def _texture(self, pixels: NDArray[np.uint8], *, repeat: bool, anisotropy: float = 1.0) -> Any:  # noqa: ANN401
+    def _texture(self, pixels: NDArray[np.uint8], *, repeat: bool) -> Any:  # noqa: ANN401
         texture = self._context.texture(
             pixels.shape[1::-1], pixels.shape[2], np.ascontiguousarray(pixels).tobytes(), alignment=1
         )
         texture.build_mipmaps()
         texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
         texture.repeat_x = texture.repeat_y = repeat
-        texture.anisotropy = anisotropy
         return texture
 
-    def _upload_mesh(
-        self, mesh: CityMesh, objects: NDArray[np.int64], anisotropy: float
-    ) -> tuple[Any, Any, dict[bool, Any]]:
+    def _upload_mesh(self, mesh: CityMesh, objects: NDArray[np.int64]) -> tuple[Any, Any, dict[bool, Any]]:
         """Vertex buffer, texture, and vertex arrays of the whole mesh."""
         layout = np.dtype([("position", "<f4", 3), ("uv", "<f4", 2), ("color", "u1", 4), ("object", "<i4")])
         vertices = np.zeros(len(mesh.positions), dtype=layout)
         vertices["position"], vertices["uv"] = mesh.positions, mesh.uv
         vertices["color"][:, :3], vertices["object"] = mesh.colors, objects
         buffer = self._context.buffer(vertices.tobytes())
-        return buffer, self._texture(mesh.texture, repeat=True, anisotropy=anisotropy), self._arrays(buffer, mesh.triangles)
+        return buffer, self._texture(mesh.texture, repeat=True), self._arrays(buffer, mesh.triangles)
 
     def _arrays(self, buffer: Any, triangles: NDArray[np.int32]) -> dict[bool, Any]:  # noqa: ANN401
         indices = self._context.buffer(np.ascontiguousarray(triangles, dtype="<i4").tobytes())
