@@ -18,7 +18,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -57,6 +57,8 @@ class DatasetFolder:
             found = _checksum(temporary)
             temporary.replace(target)
         except (OSError, RuntimeError) as error:  # OpenEXR raises RuntimeError
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
             raise _cannot_write(target, error) from error
         if found is None:
             raise DatasetError(f"{target}: written, but it cannot be read back")
