@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import OpenEXR
+from numba import njit
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -192,10 +193,7 @@ def _part(layer: Layer, place: NDArray[np.uint32]) -> OpenEXR.Part:
     """One part of the EXR: RGBA, Z, id."""
     texture, covered = layer.texture, layer.texture.coverage
     left, top, width, height = texture.view.window
-    rgba = np.zeros((height, width, 4), dtype=np.float16)
-    rgba[..., :3] = _HALF_FROM_SRGB[texture.color]
-    rgba[~covered] = 0.0
-    rgba[..., 3] = covered
+    rgba = _half_rgba(texture.color, covered, _HALF_FROM_SRGB.view(np.uint16)).view(np.float16)
     corner = np.array([left, top], dtype=np.int32)
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
@@ -205,6 +203,21 @@ def _part(layer: Layer, place: NDArray[np.uint32]) -> OpenEXR.Part:
     }
     channels = {"RGBA": rgba, "Z": np.array(texture.depth), "id": place[texture.object_ids]}
     return OpenEXR.Part(header, channels, name=_name(layer))
+
+
+@njit(cache=True)
+def _half_rgba(
+    color: NDArray[np.uint8], covered: NDArray[np.bool_], half_from_srgb: NDArray[np.uint16]
+) -> NDArray[np.uint16]:
+    """(h, w, 4) bits of half floats: linear colour and 1 where covered, 0 elsewhere."""
+    rgba = np.zeros((*covered.shape, 4), dtype=np.uint16)
+    for i in range(covered.shape[0]):
+        for j in range(covered.shape[1]):
+            if covered[i, j]:
+                for k in range(3):
+                    rgba[i, j, k] = half_from_srgb[color[i, j, k]]
+                rgba[i, j, 3] = 0x3C00  # 1.0
+    return rgba
 
 
 def _write_exr(path: Path, parts: list[OpenEXR.Part]) -> None:
@@ -270,7 +283,7 @@ def _city_mesh(nodes: Sequence[GlbNode], image: GlbImage) -> CityMesh:
 def _png(pixels: NDArray[np.uint8]) -> bytes:
     """Lossless, and quick rather than small."""
     buffer = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, "PNG", compress_level=2)
+    Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, "PNG", compress_level=1)
     return buffer.getvalue()
 
 

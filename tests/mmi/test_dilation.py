@@ -23,3 +23,30 @@ def test_rings_are_filled_from_the_inside():
 def test_nothing_covered_stays_as_it_is():
     color = np.full((3, 3, 3), 7, dtype=np.uint8)
     assert (dilate(color, np.zeros((3, 3), dtype=bool), 2) == 7).all()
+
+
+def _plain(color, covered, reach):
+    """The twin: whole rings at a time, with numpy."""
+    result, filled = color.astype(float), covered.copy()
+    for _ in range(reach):
+        total, count = np.zeros(color.shape), np.zeros(covered.shape)
+        padded, known = np.pad(result, ((1, 1), (1, 1), (0, 0))), np.pad(filled, 1)
+        for i in range(3):
+            for j in range(3):
+                near = known[i : i + covered.shape[0], j : j + covered.shape[1]]
+                total += np.where(near[..., None], padded[i : i + covered.shape[0], j : j + covered.shape[1]], 0.0)
+                count += near
+        ring = ~filled & (count > 0)
+        result[ring] = np.rint(total[ring] / count[ring][:, None])
+        filled |= ring
+    result[~filled] = np.rint(color[covered].mean(axis=0))
+    return result.astype(np.uint8)
+
+
+def test_the_kernel_agrees_with_its_plain_twin():
+    rng = np.random.default_rng(0)
+    for share in (0.001, 0.05, 0.6):
+        covered = rng.uniform(size=(40, 50)) < share
+        covered[3, 4] = True
+        color = rng.integers(0, 256, (40, 50, 3)).astype(np.uint8)
+        np.testing.assert_array_equal(dilate(color, covered, 4), _plain(color, covered, 4))
