@@ -1,0 +1,69 @@
+"""The examples run as they stand, and do what they say."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cities import HELSINKI
+from PIL import Image
+
+from mmi.dataset import open_dataset
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+
+
+def load(name):
+    """An example as a module."""
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    out = tmp_path_factory.mktemp("example") / "helsinki"
+    summary = load("build_from_python").main(HELSINKI, out, max_cells=1)
+    return out, summary
+
+
+def test_a_city_file_becomes_a_dataset(built):
+    out, summary = built
+    assert summary.built == 1
+    parameters = open_dataset(out).manifest["parameters"]
+    assert (parameters["max_error_px"], parameters["camera"]["width"]) == (5.0, 1280)
+
+
+def test_layers_are_listed_and_one_is_a_picture(built, capsys, tmp_path):
+    load("look_at_layers").main(built[0], tmp_path / "layer.png")
+    cell = open_dataset(built[0]).manifest["cells"][0]
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith(f"cell {cell['id']}: {len(cell['near'])} objects stay geometry, {len(cell['far'])} are")
+    assert len(lines) == 2 + sum(len(sector) for sector in cell["layers"])
+    with Image.open(tmp_path / "layer.png") as picture:
+        colors = np.asarray(picture)
+    assert colors.shape[2] == 4
+    assert set(np.unique(colors[..., 3])) == {0, 255}, "sky and houses"
+    assert colors[colors[..., 3] == 255].std() > 10.0
+
+
+def test_own_buildings_are_near_in_layers_or_hidden(capsys):
+    plan = load("own_buildings").main()
+    out = capsys.readouterr().out
+    assert "near:  house A1, house B1, house C1\n" in out
+    assert len(plan.layers) > 1
+    assert sorted(np.concatenate(plan.layers)) == sorted(plan.selection.far)
+    listed = out.split("near: ")[1]
+    assert sorted(f"house {column}{row}" for column in "ABC" for row in "1234") == sorted(
+        name.strip() for line in listed.replace("hidden:", "x:").splitlines() for name in line.split(":")[-1].split(",")
+    )
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.name)
+def test_an_example_is_short_enough_to_learn_from(path):
+    assert len(path.read_text().splitlines()) < 40
+
+
+def test_there_are_examples():
+    assert len(list(EXAMPLES.glob("*.py"))) >= 3
