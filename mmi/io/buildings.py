@@ -72,9 +72,33 @@ def objects_from_outlines(
             remains = tuple(piece for polygon in remains for piece in solid_polygons(polygon.difference(covered)))
             if remains:
                 ledger.note("noted", "building outline kept where its parts leave a gap", one.id)
+            below = _storeys_below(one.polygons, spans[i][0], [(outlines[p].polygons, spans[p]) for p in parts_of[i]])
+            if below:
+                ledger.note("repaired", "storeys below parts that would float, from the building's outline", one.id)
+            prisms += [(i, polygon, ground + bottom, ground + top) for polygon, bottom, top in below]
         for member, polygons in [(i, remains)] + [(part, outlines[part].polygons) for part in parts_of.get(i, [])]:
             prisms += [(i, polygon, ground + spans[member][0], ground + spans[member][1]) for polygon in polygons]
     return _objects([one.id for one in outlines], prisms, ledger)
+
+
+def _storeys_below(
+    outline: tuple[Polygon, ...], base: float, parts: list[tuple[tuple[Polygon, ...], tuple[float, float]]]
+) -> list[tuple[Polygon, float, float]]:
+    """(polygon, bottom, top) of what a building needs below parts that stand on nothing; empty where few do.
+
+    Mappers often draw upper storeys as parts (``building:min_level``) and leave those below to the outline. Where more
+    than half of the outline would hang in the air, its storeys go on down to ``base``; less is taken for an overhang.
+    """
+    whole = shapely.union_all(list(outline))
+    filled = shapely.union_all([polygon for polygons, (low, _) in parts if low <= base for polygon in polygons])
+    below: list[tuple[Polygon, float, float]] = []
+    for polygons, (low, _) in sorted(parts, key=lambda part: part[1]):
+        if low > base:
+            for polygon in polygons:
+                hanging = polygon.intersection(whole).difference(filled)
+                below += [(piece, base, low) for piece in solid_polygons(hanging)]
+            filled = shapely.union_all([filled, *polygons])
+    return below if sum(piece.area for piece, _, _ in below) > 0.5 * whole.area else []
 
 
 def _clean(layer: BuildingLayer, shapes: NDArray[np.object_], ledger: Ledger) -> list[_Outline]:

@@ -106,6 +106,19 @@ def test_parts_replace_the_outline_where_they_cover_it(tmp_path):
     assert tally(report, "noted", "building outline kept where its parts leave a gap") == 1
 
 
+def test_storeys_that_the_mapper_left_to_the_outline_go_on_below_floating_parts(tmp_path):
+    osm = with_street()
+    osm.box(1, 0, 0, 30, 10, building="yes", height="8")
+    osm.box(2, 0, 0, 20, 10, building__part="yes", height="20", min_height="8")
+    osm.box(3, 5, 0, 15, 10, building__part="yes", height="30", min_height="20")
+    osm.box(4, 20, 0, 30, 10, building__part="yes", height="12")
+    city, report = read_city(osm.write(tmp_path / "a.osm"))
+    (house,) = city.objects
+    spans = sorted((p.bottom, p.top, round(p.footprint.area, -1)) for p in house.prisms)
+    assert spans == [(0.0, 8.0, 200.0), (0.0, 12.0, 100.0), (8.0, 20.0, 200.0), (20.0, 30.0, 100.0)]
+    assert tally(report, "repaired", "storeys below parts that would float, from the building's outline") == 1
+
+
 def test_a_part_without_height_takes_its_buildings(tmp_path):
     osm = with_street()
     osm.box(1, 0, 0, 20, 10, building="yes", height="21")
