@@ -188,6 +188,10 @@ class Renderer:
                 f"no OpenGL 3.3 context through EGL ({error}); on Debian or Ubuntu, "
                 "'apt-get install libegl1 libgl1-mesa-dri' brings software rendering"
             ) from error
+        with self._context:  # another library's context may be current, here and whenever we are called again
+            self._prepare(mesh, ground, size, measured, samples)
+
+    def _prepare(self, mesh: CityMesh, ground: CityMesh, size: tuple[int, int], measured: bool, samples: int) -> None:
         self.size, self.measured = size, measured
         self._mesh, self._ground = mesh, ground
         self._programs = {
@@ -236,12 +240,14 @@ class Renderer:
         """Bring a cell's layers to the GPU; draws refer to them by ``dataset`` and the cell's id."""
         key = (dataset, impostor.cell.id)
         if key not in self._layers:
-            self._layers[key] = {f"s{one.sector}.l{one.index}": self._upload_layer(one) for one in impostor.layers}
+            with self._context:
+                self._layers[key] = {f"s{one.sector}.l{one.index}": self._upload_layer(one) for one in impostor.layers}
 
     def evict(self, dataset: str, cell: str) -> None:
         """Free a cell's layers; nothing where they are not there."""
-        for layer in self._layers.pop((dataset, cell), {}).values():
-            layer.release()
+        with self._context:
+            for layer in self._layers.pop((dataset, cell), {}).values():
+                layer.release()
 
     def holds(self, dataset: str, cell: str) -> bool:
         """Whether a cell's layers are on the GPU."""
@@ -256,6 +262,10 @@ class Renderer:
         """
         if measured and not self.measured:
             raise ValueError("a renderer made with measured=True expected")
+        with self._context:
+            return self._draw(plan, view, measured, read)
+
+    def _draw(self, plan: Plan, view: View, measured: bool, read: bool) -> Frame:
         start = time.perf_counter()
         triangles, draws = self._paint(plan.draws, view, measured)
         color = self._color(measured) if read or plan.mix < 1.0 else None
