@@ -70,6 +70,8 @@ class BuildParameters:
         expect(self.supersample in (1, 3, 5), "supersample", "1, 3 or 5")
         expect(5.0 <= self.cell_length <= 500.0, "cell_length", "5 to 500 metres")
         expect(0.0 < self.eye[0] <= self.eye[1] < 100.0, "eye", "heights above the ground, low and high, in metres")
+        if len({name for name, _ in self.landmarks}) < len(self.landmarks):
+            raise ParameterError(f"landmark: one factor for each object expected, found {self.landmarks!r}")
         for name, factor in self.landmarks:
             if not name:
                 raise ParameterError(f"landmark: an object's id expected, found none (factor {factor!r})")

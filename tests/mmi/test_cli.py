@@ -106,6 +106,10 @@ def refusal(capsys, *arguments, program=build_impostors):
         ("--landmark x=nan", "landmark x: a factor of 1 or more expected, found nan"),
         ("--landmark x=inf", "landmark x: a factor of 1 or more expected, found inf"),
         ("--landmark x=0.5", "landmark x: a factor of 1 or more expected, found 0.5"),
+        (
+            "--landmark x=2 --landmark x=3",
+            "landmark: one factor for each object expected, found (('x', 2.0), ('x', 3.0))",
+        ),
         ("--landmark way/404=2", "landmark way/404: an object of town.osm expected, found none of this id"),
         ("--eye 2,1", "--eye: heights above the ground, low and high, in metres expected, found (2.0, 1.0)"),
         ("--eye a", "lowest,highest eye height in metres expected, found 'a'"),
@@ -278,6 +282,18 @@ def test_a_foreign_folder_is_left_as_it_is(capsys, city, tmp_path):
     assert [one.name for one in tmp_path.iterdir()] == ["diary.txt"]
 
 
+def test_a_build_killed_before_it_signed_its_folder_can_be_started_again(capsys, city, tmp_path):
+    (tmp_path / "out" / "cells").mkdir(parents=True)
+    (tmp_path / "out" / ".lock").write_bytes(b"")
+    (tmp_path / "out" / "build.json.part-123").write_bytes(b"{")
+    arguments = [city, "-o", tmp_path / "out", "--max-cells", "1", "--quiet", *SMALL]
+    assert run(capsys, build_impostors, *arguments) == (0, "", "")
+    assert not (tmp_path / "out" / "build.json.part-123").exists()
+    (tmp_path / "other" / "cells").mkdir(parents=True)
+    (tmp_path / "other" / "cells" / "blood.txt").write_text("A+")
+    assert "found other files (cells)" in refusal(capsys, city, "-o", tmp_path / "other")
+
+
 def test_a_folder_that_cannot_be_made_gets_one_line(capsys, city, tmp_path):
     (tmp_path / "file").write_text("Monday")
     assert "file: a folder for the dataset expected, found a file" in refusal(capsys, city, "-o", tmp_path / "file")
@@ -366,6 +382,17 @@ def test_help_does_not_load_what_a_build_needs():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_progress_is_shown_on_a_terminal_only(city, dataset):
+    ours, theirs = os.openpty()
+    command = [*BUILD, city, "-o", dataset, *SMALL]
+    subprocess.run(command, stdout=subprocess.DEVNULL, stderr=theirs, check=True, env=os.environ | {"TERM": "xterm"})
+    os.close(theirs)
+    with open(ours, "rb", buffering=0) as terminal:  # noqa: PTH123
+        assert b"preparing" in terminal.read(65536)
+    done = subprocess.run(command, capture_output=True, check=True)
+    assert done.stderr == b""
 
 
 def test_whoever_stops_reading_the_output_sees_no_traceback(city, dataset):
