@@ -19,7 +19,18 @@ from pathlib import Path
 
 import numpy as np
 
-STAGES = ("visibility", "segmentation", "weights", "layering", "windows", "capture", "meshing", "encoding", "writing")
+STAGES = (
+    "preparation",
+    "visibility",
+    "segmentation",
+    "weights",
+    "layering",
+    "windows",
+    "capture",
+    "meshing",
+    "encoding",
+    "writing",
+)
 
 
 def build(city: Path, out: Path, options: list[str]) -> tuple[dict, dict]:

@@ -231,8 +231,10 @@ def _write_exr(path: Path, parts: list[OpenEXR.Part]) -> None:
 
 def _image(layer: Layer) -> GlbImage:
     """Colour, dilated beyond the silhouette, and coverage as alpha."""
-    alpha = np.where(layer.texture.coverage, 255, 0).astype(np.uint8)
-    return GlbImage(_png(np.dstack([layer.texture.color, alpha])))
+    pixels = np.empty((*layer.texture.depth.shape, 4), dtype=np.uint8)
+    pixels[..., :3] = layer.texture.color
+    pixels[..., 3] = np.where(layer.texture.coverage, 255, 0)
+    return GlbImage(_png(pixels))
 
 
 def _node(layer: Layer, *, image: int) -> GlbNode:

@@ -122,7 +122,8 @@ def build_dataset(
         city_print = fingerprint(stored.decode())
         jobs = [_job(graph, name, fingerprint([settings, city_print])) for name in graph]
         current = {job.cell.id for job in jobs if _is_current(folder, job)}
-        pending = [job for job in jobs if job.cell.id in set(names) - current]
+        wanted = set(names) - current
+        pending = [job for job in jobs if job.cell.id in wanted]
         shared = _write_shared(folder, city, stored)
 
         done: list[_Done] = []
@@ -162,7 +163,7 @@ def _is_current(folder: DatasetFolder, job: _Job) -> bool:
 
 
 def _recorded(folder: DatasetFolder, name: str) -> dict[str, Any]:
-    record = folder.record(name)
+    record = folder.record(name, check=False)
     if record is None:
         raise DatasetError(
             f"{folder.path / 'cells' / name}.json: written, but damaged since; run the same command again"
@@ -194,13 +195,15 @@ class _Worker:
         from mmi.capture import Capturer  # here, so that a parent of workers does not load OpenGL
 
         self.folder = folder
-        self.scene = prepare_scene(city, parameters)
-        self.prints = [_look(self.scene.mesh, i, one) for i, one in enumerate(object_fingerprints(city))]
-        self.capturer = Capturer(self.scene.mesh)
+        self.preparation = Stopwatch()
+        with self.preparation.stage("preparation"):
+            self.scene = prepare_scene(city, parameters)
+            self.prints = [_look(self.scene.mesh, i, one) for i, one in enumerate(object_fingerprints(city))]
+            self.capturer = Capturer(self.scene.mesh)
 
     def make(self, job: _Job) -> _Done:
         """Bring one cell up to date: its files if what it sees has changed, its record in any case."""
-        watch = Stopwatch()
+        watch, self.preparation = self.preparation, Stopwatch()  # the first cell's seconds include the preparation
         plan = plan_cell(self.scene, job.cell, identify=self.capturer.identify, watch=watch)
         content = self._content(job, plan)
         record = self.folder.record(job.cell.id)
@@ -211,7 +214,7 @@ class _Worker:
         else:
             entry = record["entry"] if record is not None else {}
         self.folder.write_record(job.cell.id, {"inputs": job.inputs, "content": content, "entry": entry})
-        return _Done(job.cell.id, captured, watch.seconds, os.getpid(), _peak_memory())
+        return _Done(job.cell.id, captured, watch.seconds, os.getpid(), _peak_memory(shared=False))
 
     def _content(self, job: _Job, plan: CellPlan) -> str:
         """Fingerprint of everything that the cell's files and its entry are made from."""
@@ -323,10 +326,16 @@ def _serve(jobs: Connection, path: str, parameters: BuildParameters) -> None:
             return
 
 
-def _peak_memory() -> int:
-    """Bytes that this process has held at most."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else peak * 1024
+def _peak_memory(*, shared: bool = True) -> int:
+    """Bytes that this process has held at most; not ``shared``: less its pages of files (libraries), which are in memory once
+    however many processes use them.
+    """
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    status = Path("/proc/self/status")
+    if shared or not status.exists():
+        return peak
+    files = next((line for line in status.read_text().splitlines() if line.startswith("RssFile:")), "RssFile: 0 kB")
+    return peak - 1024 * int(files.split()[1])
 
 
 # ------------------------------------------------------------------------------------------------------- summaries

@@ -136,16 +136,18 @@ def _plane_at_origin(
     return mw
 
 
+@njit(cache=True)
 def _blocks_with_coverage(covered: NDArray[np.bool_], side: int) -> NDArray[np.bool_]:
     """(rows, columns): blocks of ``side`` texels that hold a covered one, or touch one (filtering reaches beyond)."""
-    grown = covered.copy()
-    grown[1:] |= covered[:-1]
-    grown[:-1] |= covered[1:]
-    across = grown.copy()
-    grown[:, 1:] |= across[:, :-1]
-    grown[:, :-1] |= across[:, 1:]
-    rows, columns = covered.shape[0] // side, covered.shape[1] // side
-    return np.asarray(grown.reshape(rows, side, columns, side).any(axis=(1, 3)))
+    height, width = covered.shape
+    blocks = np.zeros((height // side, width // side), dtype=np.bool_)
+    for i in range(height):
+        for j in range(width):
+            if covered[i, j]:
+                upper, lower = max(i - 1, 0) // side, min(i + 1, height - 1) // side
+                left, right = max(j - 1, 0) // side, min(j + 1, width - 1) // side
+                blocks[upper, left] = blocks[upper, right] = blocks[lower, left] = blocks[lower, right] = True
+    return blocks
 
 
 def _spread(inverse: NDArray[np.float64]) -> NDArray[np.float64]:
