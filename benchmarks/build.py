@@ -44,7 +44,7 @@ def build(city: Path, out: Path, options: list[str]) -> tuple[dict, dict]:
 def row(name: str, manifest: dict, made: dict) -> str:
     """One line of the table; medians over cells, layers over all views that have any."""
     cells = manifest["cells"]
-    views = [len(sector) for cell in cells for sector in cell["layers"] if sector]
+    views = [len({layer["index"] for layer in sector}) for cell in cells for sector in cell["layers"] if sector]
     near, far = [len(cell["near"]) for cell in cells], [len(cell["far"]) for cell in cells]
     totals = made["totals"]
     return (

@@ -24,7 +24,7 @@ from mmi.dilation import dilate
 from mmi.errors import ParameterError
 from mmi.impostor import DepthTexture, Impostor, Layer
 from mmi.layering import assign_layers, event_graph, panorama_boxes
-from mmi.meshing import covered_window, grid_mesh
+from mmi.meshing import covered_windows, grid_mesh
 from mmi.parallax import critical_zone_weights
 from mmi.parameters import BuildParameters
 from mmi.sectors import Walls, layer_views, texel_focal, walls_of
@@ -181,42 +181,37 @@ def capture_layers(
             textures = capturer.depth_textures(objects, [view for _, view in views], supersample=parameters.supersample)
         for (sector, _), whole in zip(views, textures, strict=True):
             with watch.stage("meshing"):
-                texture = _finished(whole, parameters.quad, math.tan(math.pi / parameters.sectors))
-                if texture is None:
-                    continue
-                mesh = grid_mesh(texture, quad=parameters.quad)
-                shown = np.unique(texture.object_ids[texture.coverage]).astype(np.int64)
-            yield Layer(index, sector, shown, texture, mesh)
+                parts = _parts(whole, parameters.quad, math.tan(math.pi / parameters.sectors))
+            for part, texture in enumerate(parts):
+                with watch.stage("meshing"):
+                    mesh = grid_mesh(texture, quad=parameters.quad)
+                    shown = np.unique(texture.object_ids[texture.coverage]).astype(np.int64)
+                yield Layer(index, sector, part, shown, texture, mesh)
 
 
 def build_cell(scene: Scene, cell: ViewingCell, capturer: Capturer, *, watch: Stopwatch | None = None) -> Impostor:
     """A cell's multi-mesh impostor (paper section 4), its layers sorted by sector."""
     plan = plan_cell(scene, cell, identify=capturer.identify, watch=watch)
     layers = capture_layers(scene, plan, capturer, watch=watch)
-    by_sector = tuple(sorted(layers, key=lambda layer: (layer.sector, layer.index)))
+    by_sector = tuple(sorted(layers, key=lambda layer: (layer.sector, layer.index, layer.part)))
     return Impostor(cell, plan.selection.near, plan.selection.far, by_sector)
 
 
-def _finished(texture: DepthTexture, quad: int, half_width: float) -> DepthTexture | None:
-    """Cropped to the quads that show something, colour dilated.
+def _parts(texture: DepthTexture, quad: int, half_width: float) -> list[DepthTexture]:
+    """What shows something, cropped to whole quads and colour dilated.
 
-    None where nothing shows within ``half_width`` (tangent) of the middle: what is only seen in the overlap with the next
-    sector is that sector's.
+    Not what shows nothing within ``half_width`` (tangent) of the middle: where the next sector overlaps, that is its.
     """
-    shown = np.flatnonzero(texture.coverage.any(axis=0))
-    u = texture.view.pixel_centres()[0][shown]
-    if not (np.abs(u) <= half_width * texture.view.focal).any():
-        return None
-    window = covered_window(texture, quad=quad)
-    if window is None:
-        return None
-    left, top, width, height = window
-    rows = slice(top - texture.view.window[1], top - texture.view.window[1] + height)
-    columns = slice(left - texture.view.window[0], left - texture.view.window[0] + width)
-    ids = np.ascontiguousarray(texture.object_ids[rows, columns])
-    return DepthTexture(
-        view=texture.view.cropped(window),
-        color=dilate(np.ascontiguousarray(texture.color[rows, columns]), ids >= 0, _COLOR_REACH),
-        depth=np.ascontiguousarray(texture.depth[rows, columns]),
-        object_ids=ids,
-    )
+    left, top, _, _ = texture.view.window
+    parts = []
+    for window in covered_windows(texture, quad=quad):
+        rows = slice(window[1] - top, window[1] - top + window[3])
+        columns = slice(window[0] - left, window[0] - left + window[2])
+        ids = np.ascontiguousarray(texture.object_ids[rows, columns])
+        view = texture.view.cropped(window)
+        u = view.pixel_centres()[0][(ids >= 0).any(axis=0)]
+        if not (np.abs(u) <= half_width * view.focal).any():
+            continue
+        color = dilate(np.ascontiguousarray(texture.color[rows, columns]), ids >= 0, _COLOR_REACH)
+        parts.append(DepthTexture(view, color, np.ascontiguousarray(texture.depth[rows, columns]), ids))
+    return parts

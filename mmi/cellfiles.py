@@ -1,10 +1,11 @@
 """A cell's impostor as files, and back: depth textures in one multi-part OpenEXR, meshes and textures in one binary glTF.
 
-Part, node and texture of layer 2 in sector 0 are all named ``s0.l2``. The EXR holds, for other programs, colour (linear
-half floats, alpha is coverage), Z (float, eye-space metres, infinite where nothing was hit) and id (unsigned: 0, or the
-place of the object in the cell's list ``far``, from 1), in the capture's own pixel coordinates: its data window counts from
-the principal point. The glTF holds what is drawn: vertices in the city's frame, colour dilated beyond silhouettes, coverage
-as alpha. It also says how each texture was captured (``azimuth``, ``focal``, ``window``, ``eye``).
+Part, node and texture of layer 2 in sector 0 are all named ``s0.l2``, and ``s0.l2.1`` where it has a second picture there.
+The EXR holds, for other programs, colour (linear half floats, alpha is coverage), Z (float, eye-space metres, infinite where
+nothing was hit) and id (unsigned: 0, or the place of the object in the cell's list ``far``, from 1), in the capture's own
+pixel coordinates: its data window counts from the principal point. The glTF holds what is drawn: vertices in the city's
+frame, colour dilated beyond silhouettes, coverage as alpha. It also says how each texture was captured (``sector``,
+``focal``, ``window``, ``eye``).
 """
 
 from __future__ import annotations
@@ -158,7 +159,7 @@ def read_impostor(dataset: Dataset, cell: str, city: City) -> Impostor:
                 objects[channels["id"].pixels].astype(np.int32),
             )
             mesh = GridMesh(primitive.positions, primitive.uv, primitive.triangles)
-            layers.append(Layer(one["index"], sector, far[one["objects"]], texture, mesh))
+            layers.append(Layer(one["index"], sector, one["part"], far[one["objects"]], texture, mesh))
     except (KeyError, ValueError, IndexError, TypeError, RuntimeError, OSError) as error:
         raise DatasetError(
             f"{name}: the layers that the manifest describes expected, found others ({error!r})"
@@ -166,14 +167,11 @@ def read_impostor(dataset: Dataset, cell: str, city: City) -> Impostor:
     return Impostor(stored_cell(entry), near, far, tuple(layers))
 
 
-def _name(layer: Layer) -> str:
-    return f"s{layer.sector}.l{layer.index}"
-
-
 def _layer_entry(layer: Layer, place: NDArray[np.uint32]) -> dict[str, Any]:
     return {
-        "name": _name(layer),
+        "name": layer.name,
         "index": layer.index,
+        "part": layer.part,
         "objects": [int(place[i]) - 1 for i in layer.objects],
         "focal": layer.texture.view.focal,
         "window": list(layer.texture.view.window),
@@ -202,7 +200,7 @@ def _part(layer: Layer, place: NDArray[np.uint32]) -> OpenEXR.Part:
         "focal": float(texture.view.focal),
     }
     channels = {"RGBA": rgba, "Z": np.array(texture.depth), "id": place[texture.object_ids]}
-    return OpenEXR.Part(header, channels, name=_name(layer))
+    return OpenEXR.Part(header, channels, name=layer.name)
 
 
 @njit(cache=True)
@@ -241,8 +239,14 @@ def _node(layer: Layer, *, image: int) -> GlbNode:
     """A layer's mesh, and how its texture was captured."""
     mesh, view = layer.mesh, layer.texture.view
     primitive = GlbPrimitive(mesh.vertices, mesh.triangles, uv=mesh.uv, image=image, masked=True)
-    extras = {"sector": layer.sector, "layer": layer.index, "focal": view.focal, "window": list(view.window)}
-    return GlbNode(_name(layer), (primitive,), extras)
+    extras = {
+        "sector": layer.sector,
+        "layer": layer.index,
+        "part": layer.part,
+        "focal": view.focal,
+        "window": list(view.window),
+    }
+    return GlbNode(layer.name, (primitive,), extras)
 
 
 def _primitives(mesh: CityMesh, index: int, *, image: int) -> tuple[GlbPrimitive, ...]:

@@ -66,13 +66,22 @@ class GridMesh:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layer:
-    """One layer in one sector: ``index`` is its colour in the event graph, ``objects`` (n,) those of it in the sector."""
+    """A picture of one layer in one sector: ``index`` is its colour in the event graph, ``objects`` (n,) what it shows.
+
+    A layer whose objects leave wide gaps between them has several ``part`` s in a sector (0, 1, ... from left to right).
+    """
 
     index: int
     sector: int
+    part: int
     objects: NDArray[np.int64]
     texture: DepthTexture
     mesh: GridMesh
+
+    @property
+    def name(self) -> str:
+        """How files call it: ``s0.l2``, and ``s0.l2.1`` for a second part."""
+        return f"s{self.sector}.l{self.index}" + (f".{self.part}" if self.part else "")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

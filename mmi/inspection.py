@@ -108,7 +108,8 @@ def _cell_pictures(dataset: Dataset, entries: Sequence[Mapping[str, Any]]) -> It
             for sector in sorted({layer.sector for layer in impostor.layers}):
                 layers = [layer for layer in impostor.layers if layer.sector == sector]
                 looking = _COMPASS[round(8.0 * sector / parameters.sectors) % 8]
-                title = f"cell {cell}{street}: {counted(len(layers), 'layer')} of sector {sector}, looking {looking}"
+                number = counted(len({one.index for one in layers}), "layer")
+                title = f"cell {cell}{street}: {number} of sector {sector}, looking {looking}"
                 yield f"{cell}-sector-{sector}", layer_sheet(layers, title=title)
 
 
@@ -138,7 +139,7 @@ def _histograms(dataset: Dataset) -> Figure:
     parameters, city = dataset.manifest["parameters"], dataset.manifest["city"]
     display = parameters["camera"]
     return dataset_histograms(
-        layers_per_view=[len(sector) for one in cells for sector in one["layers"]],
+        layers_per_view=[len({layer["index"] for layer in sector}) for one in cells for sector in one["layers"]],
         cell_bytes=[one["bytes"] for one in cells],
         near_objects=[len(one["near"]) for one in cells],
         visible_objects=[len(one["near"]) + len(one["far"]) for one in cells],

@@ -17,21 +17,41 @@ from numpy.typing import NDArray
 
 from mmi.impostor import DepthTexture, GridMesh
 
-__all__ = ["covered_window", "grid_mesh"]
+__all__ = ["covered_windows", "grid_mesh"]
 
 _FINEST = 8  # a quad is split into at most this many a side
 _UV_ERROR = 0.1  # texels
+_PART = 4096  # texels: a picture of its own costs about as much as so many empty texels
 
 
-def covered_window(texture: DepthTexture, *, quad: int) -> tuple[int, int, int, int] | None:
-    """The part of the texture's window that its mesh reaches, in whole quads; None where nothing is covered."""
+def covered_windows(texture: DepthTexture, *, quad: int) -> list[tuple[int, int, int, int]]:
+    """The parts of the texture's window that hold something, from left to right, in whole quads; none where nothing does.
+
+    Empty columns of quads separate parts, each with its own upper and lower edge, unless more than ``_PART`` texels are
+    not saved by that.
+    """
     left, top, _, _ = texture.view.window
     keep = _blocks_with_coverage(texture.coverage, quad)
-    rows, columns = np.flatnonzero(keep.any(axis=1)), np.flatnonzero(keep.any(axis=0))
-    if not rows.size:
-        return None
-    size = (int(columns[-1] - columns[0] + 1) * quad, int(rows[-1] - rows[0] + 1) * quad)
-    return (left + int(columns[0]) * quad, top + int(rows[0]) * quad, *size)
+    columns = np.flatnonzero(keep.any(axis=0))
+    if not columns.size:
+        return []
+    spans: list[tuple[int, int, int, int]] = []  # first and last column, first and last row
+    for run in np.split(columns, np.flatnonzero(np.diff(columns) > 1) + 1):
+        rows = np.flatnonzero(keep[:, run[0] : run[-1] + 1].any(axis=1))
+        span = (int(run[0]), int(run[-1]), int(rows[0]), int(rows[-1]))
+        while spans:
+            last = spans[-1]
+            both = (last[0], span[1], min(last[2], span[2]), max(last[3], span[3]))
+            if (_area(both) - _area(last) - _area(span)) * quad * quad > _PART:
+                break
+            spans.pop()
+            span = both
+        spans.append(span)
+    return [(left + c0 * quad, top + r0 * quad, (c1 - c0 + 1) * quad, (r1 - r0 + 1) * quad) for c0, c1, r0, r1 in spans]
+
+
+def _area(span: tuple[int, int, int, int]) -> int:
+    return (span[1] - span[0] + 1) * (span[3] - span[2] + 1)
 
 
 def grid_mesh(texture: DepthTexture, *, quad: int = 16) -> GridMesh:

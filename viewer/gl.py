@@ -241,7 +241,7 @@ class Renderer:
         key = (dataset, impostor.cell.id)
         if key not in self._layers:
             with self._context:
-                self._layers[key] = {f"s{one.sector}.l{one.index}": self._upload_layer(one) for one in impostor.layers}
+                self._layers[key] = {one.name: self._upload_layer(one) for one in impostor.layers}
 
     def evict(self, dataset: str, cell: str) -> None:
         """Free a cell's layers; nothing where they are not there."""

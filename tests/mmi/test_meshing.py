@@ -9,7 +9,7 @@ from scipy.ndimage import binary_fill_holes
 
 from mmi.camera import level_view
 from mmi.impostor import DepthTexture
-from mmi.meshing import covered_window, grid_mesh
+from mmi.meshing import covered_windows, grid_mesh
 
 
 def texture_of(inverse, *, covered=None, focal=400.0, left=-64, top=-32, color=None):
@@ -66,11 +66,19 @@ def test_quads_without_coverage_go_and_the_rest_stays():
     assert len(mesh.triangles) == 2 * 5
 
 
-def test_covered_window_is_whole_quads_around_what_is_covered():
-    covered = np.zeros((64, 128), dtype=bool)
-    assert covered_window(texture_of(plane(64, 128, 0.01, 0, 0), covered=covered), quad=16) is None
+def test_covered_windows_are_whole_quads_around_what_is_covered():
+    covered = np.zeros((64, 512), dtype=bool)
+
+    def windows():
+        return covered_windows(texture_of(plane(64, 512, 0.01, 0, 0), covered=covered), quad=16)
+
+    assert windows() == []
     covered[20:30, 40:60] = True
-    assert covered_window(texture_of(plane(64, 128, 0.01, 0, 0), covered=covered), quad=16) == (-32, -16, 32, 16)
+    assert windows() == [(-32, -16, 32, 16)]
+    covered[2:60, 100:110] = True  # near enough to be in one picture with it
+    assert windows() == [(-32, -32, 80, 64)]
+    covered[40:50, 450:460] = True  # too far
+    assert windows() == [(-32, -32, 80, 64), (384, 0, 16, 32)]
 
 
 def test_silhouettes_do_not_pull_the_fit():

@@ -21,7 +21,7 @@ def layer_of(index, *, sector=0, width=128, height=64, near=50.0):
     depth[inner] = np.linspace(near, near + 30.0, width)[inner[1]]
     ids = np.where(np.isfinite(depth), index, -1).astype(np.int32)
     texture = DepthTexture(view, color, depth, ids)
-    return Layer(index, sector, np.array([index]), texture, grid_mesh(texture))
+    return Layer(index, sector, 0, np.array([index]), texture, grid_mesh(texture))
 
 
 def test_a_row_shows_colour_depth_and_mesh_of_its_layer():
@@ -50,7 +50,10 @@ def test_wires_are_the_edges_of_the_mesh_in_texels():
     edges = {frozenset(pair) for a, b, c in one.mesh.triangles.tolist() for pair in ((a, b), (b, c), (c, a))}
     assert len(wires.get_segments()) == len(edges)
     corners = np.concatenate(wires.get_segments())
-    assert corners.min(axis=0) == pytest.approx([-16, -48]) and corners.max(axis=0) == pytest.approx([80, 16])
+    used = one.mesh.uv[np.unique(one.mesh.triangles)] * [128, 64] + [-32, -48]
+    assert corners.min(axis=0) == pytest.approx(used.min(axis=0)) and corners.max(axis=0) == pytest.approx(
+        used.max(axis=0)
+    )
     assert axes.get_xlim() == (-32, 96) and axes.get_ylim() == (16, -48)
 
 

@@ -43,7 +43,7 @@ def everything(scene):
 
 
 def layered(impostor):
-    names = tuple(f"s{layer.sector}.l{layer.index}" for layer in impostor.layers)
+    names = tuple(layer.name for layer in impostor.layers)
     return Plan((Sky(), Ground(), Objects("near", impostor.near), CellLayers("made", impostor.cell.id, names)))
 
 
