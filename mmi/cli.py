@@ -19,6 +19,7 @@ from mmi.parameters import LAYERINGS, VISIBILITIES, WEIGHTS, BuildParameters
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from mmi.cells import CellReport
     from mmi.farm import BuildSummary
     from mmi.io import CityReport
 
@@ -226,12 +227,12 @@ def _build(options: argparse.Namespace) -> None:
         buildings_layer=options.buildings_layer,
         streets_layer=options.streets_layer,
     )
-    cells_to_build(
-        city, parameters, cells=options.cells
-    )  # whoever mistypes an option gets one line, not a table before it
+    # Whoever mistypes an option gets one line, not a table before it.
+    graph, _ = cells_to_build(city, parameters, cells=options.cells, max_cells=options.max_cells)
     make_folder(options.output)
     with suppress(SystemExit):  # rich leaves when nobody reads its output any more (| head): the build goes on
         _print_report(talk, report)
+        _print_cells(talk, graph.graph["report"])
     with _progress("cells", quiet=options.quiet) as advance:
         summary = build_dataset(
             city,
@@ -290,6 +291,18 @@ def _print_report(talk: Console, report: CityReport) -> None:
     talk.print(table)
     for warning in report.warnings:
         talk.print(f"warning: {warning}", soft_wrap=True)
+
+
+def _print_cells(talk: Console, cells: CellReport) -> None:
+    """One line: what became of the streets."""
+    text = f"{cells.cells} viewing cells on {cells.street_length / 1000.0:.1f} km of streets"
+    if cells.narrowed_cells:
+        text += f", {cells.narrowed_cells} narrower than their street, to keep clear of buildings"
+    if cells.cut_pieces:
+        text += f"; {cells.cut_length:.0f} m in {cells.cut_pieces} places have no room for a cell"
+    if cells.degenerate_streets:
+        text += f"; {cells.degenerate_streets} streets without length left out"
+    talk.print(text, soft_wrap=True)
 
 
 class _progress:  # noqa: N801
