@@ -177,16 +177,19 @@ def capture_layers(
             views = layer_views(
                 scene.walls, objects, cell, sectors=parameters.sectors, focal=focal, quad=parameters.quad
             )
-        with watch.stage("capture"):
-            textures = capturer.depth_textures(objects, [view for _, view in views], supersample=parameters.supersample)
-        for (sector, _), whole in zip(views, textures, strict=True):
+        textures = capturer.captures(objects, [view for _, view in views], supersample=parameters.supersample)
+        for sector, _ in views:
+            with watch.stage("capture"):
+                whole = next(textures)
             with watch.stage("meshing"):
                 parts = _parts(whole, parameters.quad, math.tan(math.pi / parameters.sectors))
+            del whole
             for part, texture in enumerate(parts):
                 with watch.stage("meshing"):
                     mesh = grid_mesh(texture, quad=parameters.quad)
                     shown = np.unique(texture.object_ids[texture.coverage]).astype(np.int64)
                 yield Layer(index, sector, part, shown, texture, mesh)
+        textures.close()
 
 
 def build_cell(scene: Scene, cell: ViewingCell, capturer: Capturer, *, watch: Stopwatch | None = None) -> Impostor:

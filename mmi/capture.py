@@ -13,12 +13,14 @@ os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 os.environ.setdefault("PYGLET_HEADLESS", "1")  # pyrender imports pyglet, which would look for X libraries
 
 import math
-from collections.abc import Sequence
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any
 
 import numpy as np
 import pyrender
+from numba import njit
 from numpy.typing import NDArray
 from OpenGL import GL
 from OpenGL.error import Error as OpenGLError
@@ -94,21 +96,29 @@ class Capturer:
 
         Raises CaptureError when OpenGL fails.
         """
+        return list(self.captures(objects, views, supersample=supersample))
+
+    def captures(
+        self, objects: NDArray[np.int64], views: Sequence[View], *, supersample: int = 1
+    ) -> Generator[DepthTexture, None, None]:
+        """The same one by one, each drawn when it is asked for, so that no more than one is in memory."""
         if supersample < 1 or supersample % 2 == 0:
             raise CaptureError(f"supersampling needs an odd number of subsamples a side, found {supersample}")
-        if not views:
-            return []
         objects = np.asarray(objects, dtype=np.int64)
-        best: list[tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int32]]] = []
-        for start in range(0, len(objects), _OBJECTS_A_PASS):
-            passes = self._pass(objects[start : start + _OBJECTS_A_PASS], views, supersample)
-            best = passes if not best else [_nearer(a, b) for a, b in zip(best, passes, strict=True)]
-        textures = []
-        for view, (color, depth, ids) in zip(views, best, strict=True):
-            if supersample > 1:
-                color, depth, ids = _average_within_objects(color, depth, ids, supersample)
-            textures.append(DepthTexture(view, color, depth, ids))
-        return textures
+        if not views or not objects.size:
+            return
+        eye = views[0].eye
+        groups = [objects[start : start + _OBJECTS_A_PASS] for start in range(0, len(objects), _OBJECTS_A_PASS)]
+        drawn = [self._numbered(group, eye) for group in groups]
+        with self._in_scene([primitive for primitive, _ in drawn]) as meshes:
+            for view in views:
+                color, depth, ids = self._picture(meshes[0], drawn[0][1], groups[0], view, supersample)
+                for mesh, (_, triangles), group in zip(meshes[1:], drawn[1:], groups[1:], strict=True):
+                    other = self._picture(mesh, triangles, group, view, supersample)
+                    color, depth, ids = _nearer((color, depth, ids), other)
+                if supersample > 1:
+                    color, depth, ids = _average_within_objects(color, depth, ids, supersample)
+                yield DepthTexture(view, color, depth, ids)
 
     def identify(self, objects: NDArray[np.int64], view: View) -> NDArray[np.int32]:
         """(h, w) int32: the item buffer of ``objects``; their indices into the city's objects, -1 for none."""
@@ -122,16 +132,16 @@ class Capturer:
         positions = part.positions - view.eye
         plain = pyrender.MetallicRoughnessMaterial(baseColorFactor=[1.0, 1.0, 1.0, 1.0], doubleSided=True)
         primitive = pyrender.Primitive(positions=positions, color_0=colors, indices=part.triangles, material=plain)
-        [(rgba, _)] = self._render(primitive, positions[part.triangles], [view], 1)
+        with self._in_scene([primitive]) as [mesh]:
+            rgba, _ = self._render(mesh, positions[part.triangles], view, 1)
         number = rgba[..., :3].astype(np.int32) @ np.array([1, 1 << 8, 1 << 16], dtype=np.int32)
         return np.concatenate([[-1], objects]).astype(np.int32)[np.where(rgba[..., 3] > 0, number, 0)]
 
-    def _pass(
-        self, objects: NDArray[np.int64], views: Sequence[View], supersample: int
-    ) -> list[tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int32]]]:
-        """Colour (h, w, 3), depth (h, w) and id (h, w) of each view of at most 255 objects."""
+    def _numbered(
+        self, objects: NDArray[np.int64], eye: NDArray[np.float64]
+    ) -> tuple[pyrender.Primitive, NDArray[np.float64]]:
+        """At most 255 objects to draw, alpha telling which, and their triangles (m, 3, 3) relative to ``eye``."""
         part = mesh_of(self._mesh, objects)
-        eye = views[0].eye
         positions = part.positions - eye  # float64, so that float32 begins at the eye
         numbers = np.repeat(np.arange(1, len(objects) + 1), np.diff(part.object_vertices))
         colors = np.empty((len(positions), 4), dtype=np.float32)
@@ -144,34 +154,50 @@ class Capturer:
             indices=part.triangles,
             material=self._material,
         )
+        return primitive, positions[part.triangles]
+
+    @contextmanager
+    def _in_scene(self, primitives: Sequence[pyrender.Primitive]) -> Iterator[list[pyrender.Mesh]]:
+        """Put primitives into the scene, a mesh each, all invisible; take them out again."""
+        meshes = [pyrender.Mesh([primitive], is_visible=False) for primitive in primitives]
+        nodes = [self._scene.add(mesh) for mesh in meshes]
+        try:
+            yield meshes
+        finally:
+            for node in nodes:
+                self._scene.remove_node(node)
+
+    def _picture(
+        self,
+        mesh: pyrender.Mesh,
+        triangles: NDArray[np.float64],
+        objects: NDArray[np.int64],
+        view: View,
+        supersample: int,
+    ) -> _Picture:
+        """Colour (h, w, 3), depth (h, w) and id (h, w) of numbered objects."""
+        rgba, depth = self._render(mesh, triangles, view, supersample)
         ids = np.full(256, -1, dtype=np.int32)
         ids[1 : len(objects) + 1] = objects
-        pictures = self._render(primitive, positions[part.triangles], views, supersample)
-        return [(rgba[..., :3], depth, ids[rgba[..., 3]]) for rgba, depth in pictures]
+        return np.ascontiguousarray(rgba[..., :3]), depth, ids[rgba[..., 3]]
 
     def _render(
-        self,
-        primitive: pyrender.Primitive,
-        triangles: NDArray[np.float64],
-        views: Sequence[View],
-        supersample: int,
-    ) -> list[tuple[NDArray[np.uint8], NDArray[np.float32]]]:
-        """RGBA and depth of each view of one primitive, whose ``triangles`` (m, 3, 3) have the eye at their origin."""
+        self, mesh: pyrender.Mesh, triangles: NDArray[np.float64], view: View, supersample: int
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """RGBA and depth of one mesh of the scene, whose ``triangles`` (m, 3, 3) have the eye at their origin."""
+        self._platform.make_current()  # another context may have been used since
         clearance, far = _clearance(triangles[..., :2]), float(np.sqrt((triangles**2).sum(axis=-1).max()))
-        results = []
-        self._platform.make_current()
-        node = self._scene.add(pyrender.Mesh([primitive]))
+        self._look_through(view, clearance, far)
+        self._renderer.viewport_width = view.window[2] * supersample
+        self._renderer.viewport_height = view.window[3] * supersample
+        mesh.is_visible = True
         try:
-            for view in views:
-                self._look_through(view, clearance, far)
-                width, height = view.window[2] * supersample, view.window[3] * supersample
-                self._renderer.viewport_width, self._renderer.viewport_height = width, height
-                results.append(self._renderer.render(self._scene, _FLAGS))
+            rgba, depth = self._renderer.render(self._scene, _FLAGS)
         except OpenGLError as error:
             raise CaptureError(f"OpenGL failed to capture {len(triangles)} triangles: {error}") from error
         finally:
-            self._scene.remove_node(node)
-        return results
+            mesh.is_visible = False
+        return rgba, depth
 
     def _look_through(self, view: View, clearance: float, far: float) -> None:
         """Aim the camera: at the origin, turned as ``view``, clip planes close around what it can see."""
@@ -185,6 +211,9 @@ class Capturer:
         pose = np.eye(4)
         pose[:3, :3] = rotation.T
         self._scene.set_pose(self._camera_node, pose)
+
+
+_Picture = tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int32]]
 
 
 class _WindowCamera(pyrender.Camera):
@@ -271,10 +300,22 @@ class _SingleSampleRenderer(Renderer):
         window_depth = np.empty((height, width), dtype=np.float32)
         GL.glReadPixels(0, 0, width, height, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, rgba)
         GL.glReadPixels(0, 0, width, height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, window_depth)
-        rgba, window_depth = rgba[::-1], window_depth[::-1]
-        near, far = scene.main_camera_node.camera.znear, scene.main_camera_node.camera.zfar
-        depth = (near * far) / (far - window_depth.astype(np.float64) * (far - near))
-        return rgba, np.where(rgba[..., 3] > 0, depth, np.inf).astype(np.float32)
+        camera = scene.main_camera_node.camera
+        return rgba[::-1], _eye_depth(window_depth, rgba, camera.znear, camera.zfar)
+
+
+@njit(cache=True)
+def _eye_depth(
+    window_depth: NDArray[np.float32], rgba: NDArray[np.uint8], near: float, far: float
+) -> NDArray[np.float32]:
+    """Depth along the axis from what the depth buffer holds, bottom row first -> top row first; ``inf`` for alpha 0."""
+    height, width = window_depth.shape
+    depth = np.empty((height, width), dtype=np.float32)
+    for i in range(height):
+        for j in range(width):
+            seen = rgba[i, j, 3] > 0
+            depth[height - 1 - i, j] = near * far / (far - window_depth[i, j] * (far - near)) if seen else np.inf
+    return depth
 
 
 def _open_platform() -> Any:  # noqa: ANN401
@@ -322,10 +363,7 @@ def _clearance(triangles: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.einsum("mkc,mkc->mk", nearest, nearest).min()))
 
 
-def _nearer(
-    a: tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int32]],
-    b: tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int32]],
-) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int32]]:
+def _nearer(a: _Picture, b: _Picture) -> _Picture:
     """The nearer of two passes, pixel by pixel."""
     take = b[1] < a[1]
     return np.where(take[..., None], b[0], a[0]), np.where(take, b[1], a[1]), np.where(take, b[2], a[2])
