@@ -1,9 +1,10 @@
 """What a viewer sees of a dataset next to the geometry that it replaces: geometry | impostors | what is wrong.
 
-    python examples/compare_with_geometry.py out/helsinki out/comparison
+    python examples/compare_with_geometry.py out/helsinki out/comparison [CELL]
 
-For the cell with the most layers: from its reference viewpoint and from both ends, along the street and across. White is
-an impostor where the geometry shows something else, magenta the geometry where the impostors show ground or sky.
+For CELL, or the one with the most pictures of layers: from its reference viewpoint and from both ends, along the street and
+across. White is an impostor where the geometry shows something else, magenta the geometry where the impostors show ground or
+sky.
 """
 
 import math
@@ -20,10 +21,11 @@ from viewer.gl import Renderer
 from viewer.technique import CellLayers, Ground, Objects, Plan, Sky
 
 
-def main(folder: Path, out: Path, *, size: tuple[int, int] = (640, 400)) -> float:
+def main(folder: Path, out: Path, chosen: str | None = None, *, size: tuple[int, int] = (640, 400)) -> float:
     dataset = open_dataset(folder)
     city, (mesh, ground) = dataset.city(), read_city_mesh(dataset)
     most = max(dataset.manifest["cells"], key=lambda entry: sum(map(len, entry["layers"])))
+    most = most if chosen is None else dataset.cell(chosen)
     impostor = read_impostor(dataset, most["id"], city)
     cell, names = impostor.cell, tuple(layer["name"] for sector in most["layers"] for layer in sector)
     full = Plan((Sky(), Ground(), Objects("all", np.arange(len(city.objects)))))
@@ -54,4 +56,4 @@ def main(folder: Path, out: Path, *, size: tuple[int, int] = (640, 400)) -> floa
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
+    main(Path(sys.argv[1]), Path(sys.argv[2]), *sys.argv[3:])
