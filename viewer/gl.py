@@ -207,7 +207,7 @@ class Renderer:
             mesh, np.repeat(np.arange(len(mesh.triangle_counts)), np.diff(mesh.object_vertices))
         )
         self._floor = self._upload_mesh(ground, np.full(len(ground.positions), -2))
-        self._sets: dict[str, tuple[Any, int, dict[bool, Any]]] = {}
+        self._sets: dict[str, tuple[int, dict[bool, Any]]] = {}
         self._layers: dict[tuple[str, str], dict[str, _LayerBuffers]] = {}
         self._sky = {
             flag: self._context.vertex_array(self._programs["sky", flag], [])
@@ -417,9 +417,8 @@ class Renderer:
             )
             triangles = self._mesh.triangles[rows]
             arrays = self._arrays(self._city[0], triangles) if len(triangles) else {}
-            self._sets[draw.key] = (None, len(triangles), arrays)
-        _, count, arrays = self._sets[draw.key]
-        return count, arrays
+            self._sets[draw.key] = (len(triangles), arrays)
+        return self._sets[draw.key]
 
     def _upload_layer(self, layer: Layer) -> _LayerBuffers:
         context, mesh, texture = self._context, layer.mesh, layer.texture
