@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mmi.errors import ParameterError
 
-__all__ = ["Camera", "View", "level_view"]
+__all__ = ["Camera", "View", "level_view", "view_towards"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +39,11 @@ class Camera:
     def focal(self) -> float:
         """Focal length in pixels."""
         return 0.5 * self.width / math.tan(0.5 * self.fov)
+
+    @property
+    def window(self) -> tuple[int, int, int, int]:
+        """The whole picture as a window of the image plane: (left, top, width, height), the principal point in its middle."""
+        return (-(self.width // 2), -(self.height // 2), self.width, self.height)
 
     def angle_from_pixels(self, pixels: float) -> float:
         """Radians that ``pixels`` subtend at the centre of the picture."""
@@ -113,11 +118,26 @@ class View:
         return np.arange(left, left + width) + np.float64(0.5), np.arange(top, top + height) + np.float64(0.5)
 
 
-def level_view(eye: NDArray[np.float64], azimuth: float, *, focal: float, window: tuple[int, int, int, int]) -> View:
-    """A view from ``eye`` (3,) with a level line of sight towards ``azimuth`` (radians, counter-clockwise from +X)."""
-    cos, sin = math.cos(azimuth), math.sin(azimuth)
-    rotation = np.array([[sin, -cos, 0.0], [0.0, 0.0, 1.0], [-cos, -sin, 0.0]])
+def view_towards(
+    eye: NDArray[np.float64], azimuth: float, pitch: float, *, focal: float, window: tuple[int, int, int, int]
+) -> View:
+    """A view from ``eye`` (3,) towards ``azimuth`` (radians, counter-clockwise from +X), turned up by ``pitch`` (radians).
+
+    Verticals stay upright in the middle of the picture: there is no roll. Raises ParameterError unless |pitch| is below a
+    right angle.
+    """
+    if not abs(pitch) < 0.5 * math.pi:
+        raise ParameterError(f"a pitch between -90 and 90 degrees expected, found {math.degrees(pitch):g}")
+    cos, sin, level, steep = math.cos(azimuth), math.sin(azimuth), math.cos(pitch), math.sin(pitch)
+    rotation = np.array(
+        [[sin, -cos, 0.0], [-cos * steep, -sin * steep, level], [-cos * level, -sin * level, -steep]]
+    )
     eye_from_world = np.eye(4)
     eye_from_world[:3, :3] = rotation
     eye_from_world[:3, 3] = -rotation @ np.asarray(eye, dtype=np.float64)
     return View(eye_from_world, focal, window)
+
+
+def level_view(eye: NDArray[np.float64], azimuth: float, *, focal: float, window: tuple[int, int, int, int]) -> View:
+    """:func:`view_towards` with a level line of sight."""
+    return view_towards(eye, azimuth, 0.0, focal=focal, window=window)
