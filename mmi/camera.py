@@ -129,9 +129,7 @@ def view_towards(
     if not abs(pitch) < 0.5 * math.pi:
         raise ParameterError(f"a pitch between -90 and 90 degrees expected, found {math.degrees(pitch):g}")
     cos, sin, level, steep = math.cos(azimuth), math.sin(azimuth), math.cos(pitch), math.sin(pitch)
-    rotation = np.array(
-        [[sin, -cos, 0.0], [-cos * steep, -sin * steep, level], [-cos * level, -sin * level, -steep]]
-    )
+    rotation = np.array([[sin, -cos, 0.0], [-cos * steep, -sin * steep, level], [-cos * level, -sin * level, -steep]])
     eye_from_world = np.eye(4)
     eye_from_world[:3, :3] = rotation
     eye_from_world[:3, 3] = -rotation @ np.asarray(eye, dtype=np.float64)

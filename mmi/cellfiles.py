@@ -5,13 +5,17 @@ The EXR holds, for other programs, colour (linear half floats, alpha is coverage
 nothing was hit) and id (unsigned: 0, or the place of the object in the cell's list ``far``, from 1), in the capture's own
 pixel coordinates: its data window counts from the principal point. The glTF holds what is drawn: vertices in the city's
 frame, colour dilated beyond silhouettes, coverage as alpha. It also says how each texture was captured (``sector``,
-``focal``, ``window``, ``eye``).
+``focal``, ``window``, ``eye``). Who only draws reads the glTF alone (:func:`read_pictures`); depth and ids are for measuring
+and for telling which of two layers is in front (:func:`read_depths`).
+
+The city's geometry, which all cells share, is one more glTF: nodes of objects, then tiles of the ground.
 """
 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,43 +26,59 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mmi.build import CellPlan, Scene, Stopwatch
-from mmi.camera import level_view
+from mmi.camera import View, level_view
 from mmi.cells import ViewingCell
 from mmi.city import City
 from mmi.dataset import Dataset, DatasetFolder
-from mmi.errors import DatasetError
+from mmi.errors import DatasetError, ParameterError
 from mmi.glb import GlbImage, GlbNode, GlbPrimitive, GlbScene, glb_bytes, read_glb
 from mmi.ground import ground_mesh
-from mmi.impostor import DepthTexture, GridMesh, Impostor, Layer
+from mmi.impostor import DepthTexture, GridMesh, Impostor, Layer, LayerPicture
 from mmi.srgb import linear_from_srgb
 from mmi.surfaces import CityMesh, build_city_mesh
 
-__all__ = ["city_glb", "read_city_mesh", "read_impostor", "stored_cell", "write_cell"]
+__all__ = [
+    "captured_view",
+    "city_glb",
+    "read_city_mesh",
+    "read_depths",
+    "read_impostor",
+    "read_pictures",
+    "stored_cell",
+    "write_cell",
+]
 
 _GROUND_MARGIN = 300.0
 
 
 def city_glb(city: City) -> tuple[bytes, int]:
-    """The geometry that all cells share as binary glTF, and its triangles: a node an object, named by id, and ``ground``."""
+    """The geometry that all cells share as binary glTF, and the number of the objects' triangles.
+
+    Nodes are the objects in the city's order, named by id, and then the tiles of the ground: ``ground/0``, ``ground/1``, ...
+    """
     mesh, ground = build_city_mesh(city), ground_mesh(city, margin=_GROUND_MARGIN)
     nodes = [
         GlbNode(one.id, _primitives(mesh, i, image=0), {"base": one.base, "top": one.top})
         for i, one in enumerate(city.objects)
     ]
-    nodes.append(GlbNode("ground", _primitives(ground, 0, image=1)))
+    tiles = range(len(ground.triangle_counts))
+    nodes += [GlbNode(f"ground/{i}", _primitives(ground, i, image=1)) for i in tiles]
     images = (GlbImage(_png(mesh.texture), repeat=True), GlbImage(_png(ground.texture), repeat=True))
     scene = GlbScene(tuple(nodes), images, {"crs": city.crs, "origin": list(city.origin), "source": city.source})
     return glb_bytes(scene), len(mesh.triangles)
 
 
 def read_city_mesh(dataset: Dataset) -> tuple[CityMesh, CityMesh]:
-    """The geometry of all objects, in the city's order, and of the ground. Raises DatasetError when its file is damaged."""
+    """The geometry of all objects, in the city's order, and of the ground, an object a tile (:func:`mmi.ground.ground_mesh`).
+
+    Raises DatasetError when its file is missing or damaged.
+    """
     entry = dataset.manifest["city"]["files"]["glb"]
     name = str(dataset.path / entry["name"])
     scene = read_glb(dataset.read(entry), name=name)
+    objects = dataset.manifest["city"]["objects"]  # counted, as an object may be called ground/0 too
     try:
-        *objects, ground = scene.nodes
-        return _city_mesh(objects, scene.images[0]), _city_mesh([ground], scene.images[1])
+        return _city_mesh(scene.nodes[:objects], scene.images[0]), _city_mesh(scene.nodes[objects:], scene.images[1])
     except (ValueError, IndexError, OSError) as error:
         raise DatasetError(f"{name}: objects, ground and two textures expected, found others ({error})") from error
 
@@ -112,7 +132,7 @@ def write_cell(
         "near_triangles": int(scene.mesh.triangle_counts[selection.near].sum()),
         "texels": texels,
         "bytes": sum(file["bytes"] for file in files.values()),
-        "promised_error_px": scene.parameters.max_error_px,
+        "promised_error_px": None if scene.parameters.layering == "single" else scene.parameters.max_error_px,
         "largest_weight_px": _largest_weight_px(scene, plan),
         "files": files,
     }
@@ -125,49 +145,107 @@ def stored_cell(entry: Mapping[str, Any]) -> ViewingCell:
     return ViewingCell(entry["id"], (px, py), (qx, qy), entry["half_width"], (low, high), entry["street"])
 
 
+def captured_view(entry: Mapping[str, Any], sector: int, layer: Mapping[str, Any]) -> View:
+    """The view in which a layer of a sector was captured, from the entries of cell and layer in the manifest."""
+    azimuth = 2.0 * np.pi / len(entry["layers"]) * sector
+    return level_view(np.array(entry["reference"]), azimuth, focal=layer["focal"], window=tuple(layer["window"]))
+
+
+def read_pictures(dataset: Dataset, cell: str) -> tuple[LayerPicture, ...]:
+    """All that it takes to draw a cell's layers, in the manifest's order, from its glTF alone.
+
+    Raises DatasetError when there is no such cell, or its file is missing, damaged or not what the manifest describes.
+    """
+    entry = dataset.cell(cell)
+    described = _described(entry)
+    if not described:
+        return ()
+    name = str(dataset.path / entry["files"]["glb"]["name"])
+    scene = read_glb(dataset.read(entry["files"]["glb"]), name=name)
+    with _as_described(name):
+        nodes = {node.name: node for node in scene.nodes}
+        return tuple(_picture(entry, sector, one, nodes[one["name"]], scene.images) for sector, one in described)
+
+
+def read_depths(dataset: Dataset, cell: str) -> dict[str, tuple[NDArray[np.float32], NDArray[np.uint32]]]:
+    """What a cell's layers were captured as, from its EXR: name of the layer -> depth and places.
+
+    Depth (h, w) is eye-space metres, ``inf`` where nothing was hit; places (h, w) are 0 there, elsewhere the place of the
+    object in the cell's list ``far``, from 1.
+    Raises DatasetError when there is no such cell, or its file is missing, damaged or not what the manifest describes.
+    """
+    entry = dataset.cell(cell)
+    described = _described(entry)
+    if not described:
+        return {}
+    name = str(dataset.path / entry["files"]["exr"]["name"])
+    dataset.read(entry["files"]["exr"])  # for its checksum
+    found = {}
+    with _as_described(name):
+        parts = {part.name(): part.channels for part in OpenEXR.File(name).parts}
+        for _, one in described:
+            channels, shape = parts[one["name"]], (one["window"][3], one["window"][2])
+            depth, places = np.array(channels["Z"].pixels), np.array(channels["id"].pixels)
+            if depth.shape != shape or places.shape != shape or places.max() > len(entry["far"]):
+                raise ValueError(f"{one['name']}: depths and places of {len(entry['far'])} objects, {shape}, expected")
+            found[one["name"]] = depth, places
+    return found
+
+
 def read_impostor(dataset: Dataset, cell: str, city: City) -> Impostor:
     """A cell's impostor, as it was captured. Raises DatasetError when a file is missing, damaged or not what it should be."""
     entry = dataset.cell(cell)
+    pictures, depths = read_pictures(dataset, cell), read_depths(dataset, cell)
     index = city.index()
-    name = str(dataset.path / "cells" / f"{cell}.exr")
-    try:
+    with _as_described(str(dataset.path / "manifest.json")):
         near = np.array([index[one] for one in entry["near"]], dtype=np.int64)
         far = np.array([index[one] for one in entry["far"]], dtype=np.int64)
-        described = [(sector, one) for sector, layers in enumerate(entry["layers"]) for one in layers]
-        if not described:
-            return Impostor(stored_cell(entry), near, far, ())
-        scene = read_glb(dataset.read(entry["files"]["glb"]), name=name[:-3] + "glb")
-        nodes = {node.name: node for node in scene.nodes}
-        dataset.read(entry["files"]["exr"])  # for its checksum
-        parts = {part.name(): part.channels for part in OpenEXR.File(name).parts}
-        objects = np.concatenate([[-1], far])
+        objects = np.concatenate([[-1], far]).astype(np.int32)
         layers = []
-        for sector, one in described:
-            eye = np.array(entry["reference"])
-            azimuth = 2.0 * np.pi / len(entry["layers"]) * sector
-            view = level_view(eye, azimuth, focal=one["focal"], window=tuple(one["window"]))
-            primitive = nodes[one["name"]].primitives[0]
-            assert primitive.image is not None
-            assert primitive.uv is not None
-            with Image.open(io.BytesIO(scene.images[primitive.image].data)) as picture:
-                color = np.array(picture.convert("RGB"))
-            channels = parts[one["name"]]
-            texture = DepthTexture(
-                view,
-                color,
-                np.array(channels["Z"].pixels),
-                objects[channels["id"].pixels].astype(np.int32),
-            )
-            mesh = GridMesh(primitive.positions, primitive.uv, primitive.triangles)
-            layers.append(Layer(one["index"], sector, one["part"], far[one["objects"]], texture, mesh))
-    except (KeyError, ValueError, IndexError, TypeError, RuntimeError, OSError) as error:
-        raise DatasetError(
-            f"{name}: the layers that the manifest describes expected, found others ({error!r})"
-        ) from error
+        for picture, (_, one) in zip(pictures, _described(entry), strict=True):
+            depth, places = depths[picture.name]
+            color = np.ascontiguousarray(picture.pixels[..., :3])
+            texture = DepthTexture(picture.view, color, depth, objects[places])
+            shown = far[one["objects"]]
+            layers.append(Layer(picture.index, picture.sector, picture.part, shown, texture, picture.mesh))
     return Impostor(stored_cell(entry), near, far, tuple(layers))
 
 
+def _described(entry: Mapping[str, Any]) -> list[tuple[int, Mapping[str, Any]]]:
+    """(sector, entry) of each picture of a layer that a cell's entry in the manifest lists."""
+    return [(sector, one) for sector, layers in enumerate(entry["layers"]) for one in layers]
+
+
+@contextmanager
+def _as_described(name: str) -> Iterator[None]:
+    """Turns what goes wrong while a file's contents are held against the manifest into a DatasetError."""
+    try:
+        yield
+    except (KeyError, ValueError, IndexError, TypeError, RuntimeError, OSError, ParameterError) as error:
+        raise DatasetError(
+            f"{name}: the layers that the manifest describes expected, found others ({error!r})"
+        ) from error
+
+
+def _picture(
+    entry: Mapping[str, Any], sector: int, one: Mapping[str, Any], node: GlbNode, images: Sequence[GlbImage]
+) -> LayerPicture:
+    """The inverse of :func:`_node` and :func:`_image`. Raises ValueError where node and manifest do not agree."""
+    view = captured_view(entry, sector, one)
+    extras = _extras(one["index"], sector, one["part"], view)
+    if node.extras != extras:
+        raise ValueError(f"{node.name}: {extras} expected, found {node.extras}")
+    (primitive,) = node.primitives
+    if primitive.image is None or primitive.uv is None or len(primitive.triangles) != one["triangles"]:
+        raise ValueError(f"{node.name}: a texture and {one['triangles']} triangles expected")
+    with Image.open(io.BytesIO(images[primitive.image].data)) as picture:
+        pixels = np.array(picture)
+    mesh = GridMesh(primitive.positions, primitive.uv, primitive.triangles)
+    return LayerPicture(one["name"], one["index"], sector, one["part"], view, pixels, mesh)
+
+
 def _layer_entry(layer: Layer, place: NDArray[np.uint32]) -> dict[str, Any]:
+    depths = layer.texture.view.project(layer.mesh.vertices.astype(np.float64))[:, 2]
     return {
         "name": layer.name,
         "index": layer.index,
@@ -176,6 +254,7 @@ def _layer_entry(layer: Layer, place: NDArray[np.uint32]) -> dict[str, Any]:
         "focal": layer.texture.view.focal,
         "window": list(layer.texture.view.window),
         "triangles": len(layer.mesh.triangles),
+        "depth": [float(depths.min()), float(depths.max())],
     }
 
 
@@ -237,16 +316,14 @@ def _image(layer: Layer) -> GlbImage:
 
 def _node(layer: Layer, *, image: int) -> GlbNode:
     """A layer's mesh, and how its texture was captured."""
-    mesh, view = layer.mesh, layer.texture.view
+    mesh = layer.mesh
     primitive = GlbPrimitive(mesh.vertices, mesh.triangles, uv=mesh.uv, image=image, masked=True)
-    extras = {
-        "sector": layer.sector,
-        "layer": layer.index,
-        "part": layer.part,
-        "focal": view.focal,
-        "window": list(view.window),
-    }
-    return GlbNode(layer.name, (primitive,), extras)
+    return GlbNode(layer.name, (primitive,), _extras(layer.index, layer.sector, layer.part, layer.texture.view))
+
+
+def _extras(index: int, sector: int, part: int, view: View) -> dict[str, Any]:
+    """What the glTF says of a layer's picture, besides what is drawn."""
+    return {"sector": sector, "layer": index, "part": part, "focal": view.focal, "window": list(view.window)}
 
 
 def _primitives(mesh: CityMesh, index: int, *, image: int) -> tuple[GlbPrimitive, ...]:

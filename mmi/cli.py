@@ -6,15 +6,15 @@ import argparse
 import json
 import math
 import os
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from mmi.camera import Camera
-from mmi.errors import MmiError, ParameterError
+from mmi.errors import ParameterError
 from mmi.parameters import LAYERINGS, VISIBILITIES, WEIGHTS, BuildParameters
+from mmi.programs import Parser, ProgressBar, names_option, numbers_option, path_option, run_program, size_option
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -45,59 +45,33 @@ example:
 def build_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
     """``build-impostors CITY -o OUT``: a dataset of multi-mesh impostors from a city."""
     parser = _build_parser()
-    _run(parser, arguments, _build)
+    run_program(parser, arguments, _build)
 
 
 def inspect_layers(arguments: Sequence[str] | None = None) -> NoReturn:
     """``inspect-layers OUT -o DIR``: pictures of what was built, and why."""
-    parser = _Parser(
+    parser = Parser(
         prog="inspect-layers",
         description="Plots of a dataset: bird's-eye view and event graph of cells, their layers, and histograms.",
         epilog=_INSPECT_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("dataset", type=_path, metavar="OUT", help="folder that build-impostors wrote")
-    parser.add_argument("-o", "--output", type=_path, required=True, metavar="DIR", help="folder for the pictures")
+    parser.add_argument("dataset", type=path_option, metavar="OUT", help="folder that build-impostors wrote")
+    parser.add_argument(
+        "-o", "--output", type=path_option, required=True, metavar="DIR", help="folder for the pictures"
+    )
     parser.add_argument(
         "--cell", action="append", metavar="ID", help="a cell to plot (again for more; default: one typical)"
     )
     parser.add_argument("--json", action="store_true", help="list the files written as JSON on standard output")
-    _run(parser, arguments, _inspect)
-
-
-class _Parser(argparse.ArgumentParser):
-    """One line for a wrong command line, like for every other mistake."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
-
-
-def _run(parser: _Parser, arguments: Sequence[str] | None, program: Callable[[argparse.Namespace], None]) -> NoReturn:
-    """Parse, run, and turn every expected failure into one line and an exit status."""
-    options = parser.parse_args(arguments)
-    try:
-        program(options)
-        sys.stdout.flush()
-    except MmiError as error:
-        parser.exit(2, f"{parser.prog}: error: {' '.join(str(error).split())}\n")
-    except KeyboardInterrupt:
-        parser.exit(
-            130, f"{parser.prog}: interrupted; what was finished is kept, the same command goes on from there\n"
-        )
-    except BrokenPipeError:  # whoever read our output has left: say nothing more, to nobody
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        parser.exit(2, f"{parser.prog}: error: {where}{error.strerror or error}\n")
-    sys.exit(0)
+    run_program(parser, arguments, _inspect)
 
 
 # ----------------------------------------------------------------------------------------------- build-impostors
 
 
-def _build_parser() -> _Parser:
-    parser = _Parser(
+def _build_parser() -> Parser:
+    parser = Parser(
         prog="build-impostors",
         description="Turn a city into multi-mesh impostors: for each stretch of street, nearby buildings as geometry and "
         "the rest as a few layers of textured depth meshes, in one folder.",
@@ -107,14 +81,14 @@ def _build_parser() -> _Parser:
     default = BuildParameters()
     parser.add_argument(
         "city",
-        type=_path,
+        type=path_option,
         metavar="CITY",
         help="OpenStreetMap .osm or .osm.pbf, or footprints in a format that GDAL reads",
     )
-    parser.add_argument("-o", "--output", type=_path, required=True, metavar="OUT", help="folder of the dataset")
+    parser.add_argument("-o", "--output", type=path_option, required=True, metavar="OUT", help="folder of the dataset")
 
     city = parser.add_argument_group("the city")
-    city.add_argument("--streets", type=_path, metavar="FILE", help="streets, where CITY holds only buildings")
+    city.add_argument("--streets", type=path_option, metavar="FILE", help="streets, where CITY holds only buildings")
     city.add_argument(
         "--crs", metavar="CRS", help="coordinate system, where a file declares none or a wrong one (EPSG:32632)"
     )
@@ -138,13 +112,20 @@ def _build_parser() -> _Parser:
     quality.add_argument(
         "--max-error", type=float, default=default.max_error_px, metavar="PX", help="pixels (default: %(default)g)"
     )
-    quality.add_argument("--display", type=_size, default=(512, 512), metavar="WxH", help="pixels (default: 512x512)")
+    quality.add_argument(
+        "--display", type=size_option, default=(512, 512), metavar="WxH", help="pixels (default: 512x512)"
+    )
     quality.add_argument("--fov", type=float, default=60.0, metavar="DEG", help="across the display (default: 60)")
 
     method = parser.add_argument_group("how")
     method.add_argument("--visibility", choices=VISIBILITIES, default=default.visibility, help="default: %(default)s")
     method.add_argument("--weights", choices=WEIGHTS, default=default.weights, help="default: %(default)s")
-    method.add_argument("--layering", choices=LAYERINGS, default=default.layering, help="default: %(default)s")
+    method.add_argument(
+        "--layering",
+        choices=LAYERINGS,
+        default=default.layering,
+        help="single: one layer for all, which keeps no bound on the error (default: %(default)s)",
+    )
     near = method.add_mutually_exclusive_group()
     near.add_argument(
         "--near-distance",
@@ -188,7 +169,7 @@ def _build_parser() -> _Parser:
 
     work = parser.add_argument_group("the work")
     some = work.add_mutually_exclusive_group()
-    some.add_argument("--cells", type=_names, metavar="IDS", help="only these cells (0017-00,0017-01)")
+    some.add_argument("--cells", type=names_option, metavar="IDS", help="only these cells (0017-00,0017-01)")
     some.add_argument("--max-cells", type=int, metavar="N", help="N cells spread over the city, for a first look")
     work.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
     work.add_argument(
@@ -233,7 +214,7 @@ def _build(options: argparse.Namespace) -> None:
     with suppress(SystemExit):  # rich leaves when nobody reads its output any more (| head): the build goes on
         _print_report(talk, report)
         _print_cells(talk, graph.graph["report"])
-    with _progress("cells", quiet=options.quiet) as advance:
+    with ProgressBar("cells", quiet=options.quiet) as advance:
         summary = build_dataset(
             city,
             options.output,
@@ -305,33 +286,6 @@ def _print_cells(talk: Console, cells: CellReport) -> None:
     talk.print(text, soft_wrap=True)
 
 
-class _progress:  # noqa: N801
-    """A progress bar on standard error, as a context manager that yields what to call after each of ``things``."""
-
-    def __init__(self, things: str, *, quiet: bool = False) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-        self._bar = Progress(
-            TextColumn(things),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-            TextColumn("{task.description}"),
-            console=Console(stderr=True),
-            disable=quiet or not sys.stderr.isatty(),
-            transient=True,
-        )
-        self._task = self._bar.add_task("preparing", total=None)
-
-    def __enter__(self) -> Callable[[int, int, str], None]:
-        self._bar.start()
-        return lambda done, total, name: self._bar.update(self._task, completed=done, total=total, description=name)
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.stop()
-
-
 def _print_summary(talk: Console, summary: BuildSummary, out: Path) -> None:
     made = [f"{summary.built} cells built"]
     if summary.complete:
@@ -357,7 +311,7 @@ def _inspect(options: argparse.Namespace) -> None:
     from mmi.inspection import inspect_dataset
 
     dataset = open_dataset(options.dataset)
-    with _progress("pictures") as advance:
+    with ProgressBar("pictures") as advance:
         written = inspect_dataset(dataset, options.output, cells=options.cell, progress=advance)
     if options.json:
         print(json.dumps([str(path) for path in written], indent=1))
@@ -369,29 +323,12 @@ def _inspect(options: argparse.Namespace) -> None:
 # ------------------------------------------------------------------------------------------------- option values
 
 
-def _size(text: str) -> tuple[int, int]:
-    width, _, height = text.lower().partition("x")
-    if not (width.isdecimal() and height.isdecimal()):
-        raise argparse.ArgumentTypeError(f"WIDTHxHEIGHT in pixels expected, such as 1920x1080, found {text!r}")
-    return int(width), int(height)
-
-
-def _numbers(text: str, count: int, expected: str) -> list[float]:
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) != count or not all(map(math.isfinite, values)):
-        raise argparse.ArgumentTypeError(f"{expected} expected, found {text!r}")
-    return values
-
-
 def _box(text: str) -> tuple[float, ...]:
-    return tuple(_numbers(text, 4, "west,south,east,north in degrees"))
+    return tuple(numbers_option(text, 4, "west,south,east,north in degrees"))
 
 
 def _band(text: str) -> tuple[float, ...]:
-    return tuple(_numbers(text, 2, "lowest,highest eye height in metres"))
+    return tuple(numbers_option(text, 2, "lowest,highest eye height in metres"))
 
 
 def _landmark(text: str) -> tuple[str, float]:
@@ -402,16 +339,3 @@ def _landmark(text: str) -> tuple[str, float]:
     except ValueError:
         pass
     raise argparse.ArgumentTypeError(f"ID=FACTOR expected, such as way/123=4, found {text!r}")
-
-
-def _names(text: str) -> list[str]:
-    names = [name.strip() for name in text.split(",")]
-    if not all(names):
-        raise argparse.ArgumentTypeError(f"ids of cells with commas between expected, found {text!r}")
-    return names
-
-
-def _path(text: str) -> Path:
-    if not text:
-        raise argparse.ArgumentTypeError("a path expected, found nothing")
-    return Path(text)

@@ -7,7 +7,8 @@
     OUT/cells/ID.exr       its depth textures;   OUT/cells/ID.glb  its layers' meshes and textures
 
 Files are written under a temporary name and renamed. A cell's record comes last: where it is there, and its checksums hold,
-the cell is complete. Nothing is ever unpickled.
+the cell is complete. The manifest carries its own checksum, so readers may take for granted what it says. Nothing is ever
+unpickled.
 """
 
 from __future__ import annotations
@@ -19,17 +20,26 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from mmi.city import City
 from mmi.errors import CityError, DatasetError
-from mmi.io.stored import canonical_json, city_from_json
+from mmi.io.stored import canonical_json, city_from_json, fingerprint
 
-__all__ = ["FORMAT_VERSION", "Dataset", "DatasetFolder", "build_folder", "make_folder", "open_dataset", "readable_json"]
+__all__ = [
+    "FORMAT_VERSION",
+    "Dataset",
+    "DatasetFolder",
+    "build_folder",
+    "make_folder",
+    "open_dataset",
+    "readable_json",
+    "with_checksum",
+]
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 _PROGRAM = "build-impostors"
 _TEMPORARY = ".part"
 
@@ -159,14 +169,18 @@ class Dataset:
 
     path: Path
     manifest: Mapping[str, Any]
+    _cells: Mapping[str, Mapping[str, Any]] = field(init=False, repr=False)
+    """The manifest's cells by id."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_cells", {entry["id"]: entry for entry in self.manifest["cells"]})
 
     def cell(self, cell: str) -> Mapping[str, Any]:
         """A cell's entry in the manifest. Raises DatasetError when there is no such cell."""
-        for entry in self.manifest["cells"]:
-            if entry["id"] == cell:
-                return dict(entry)
-        some = ", ".join(entry["id"] for entry in self.manifest["cells"][:5])
-        raise DatasetError(f"{self.path}: no cell {cell!r}; there are {len(self.manifest['cells'])}, such as {some}")
+        if cell in self._cells:
+            return dict(self._cells[cell])
+        some = ", ".join(list(self._cells)[:5])
+        raise DatasetError(f"{self.path}: no cell {cell!r}; there are {len(self._cells)}, such as {some}")
 
     def read(self, entry: Mapping[str, Any]) -> bytes:
         """A file that the manifest names (``{name, bytes, sha256}``). Raises DatasetError if it is missing or damaged."""
@@ -196,7 +210,10 @@ class Dataset:
 
 
 def open_dataset(path: Path) -> Dataset:
-    """Open a dataset for reading. Raises DatasetError when there is none, or its manifest is damaged or of another version."""
+    """Open a dataset for reading.
+
+    Raises DatasetError when there is none, or its manifest is of another version or not as build-impostors wrote it.
+    """
     path = Path(path)
     name = path / "manifest.json"
     if not path.is_dir():
@@ -208,15 +225,26 @@ def open_dataset(path: Path) -> Dataset:
         raise DatasetError(f"{path}: no manifest.json here; {hint}")
     try:
         manifest = json.loads(name.read_bytes())
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(f"{name}: JSON expected, found damaged data ({error})") from error
     version = manifest.get("format_version") if isinstance(manifest, dict) else None
     if version != FORMAT_VERSION:
         raise DatasetError(f"{name}: format version {FORMAT_VERSION} expected, found {version!r}; build it again")
-    missing = [key for key in ("city", "parameters", "cells", "totals") if key not in manifest]
-    if missing or not isinstance(manifest["cells"], list):
-        raise DatasetError(f"{name}: entries city, parameters, cells and totals expected, missing {missing}")
+    try:
+        whole = with_checksum(manifest)["checksum"] == manifest.get("checksum")
+    except ValueError:  # no canonical JSON: it holds NaN, or half a character
+        whole = False
+    if not whole:
+        raise DatasetError(
+            f"{name}: the checksum that {_PROGRAM} wrote expected, found other contents; run {_PROGRAM} again to mend it"
+        )
     return Dataset(path, manifest)
+
+
+def with_checksum(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """``manifest`` with its field ``checksum``: the SHA-256 of the canonical JSON of all others, in hexadecimal."""
+    others = {key: value for key, value in manifest.items() if key != "checksum"}
+    return {**others, "checksum": fingerprint(others)}
 
 
 def readable_json(value: Any) -> bytes:  # noqa: ANN401

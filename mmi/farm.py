@@ -30,7 +30,7 @@ from mmi.build import CellPlan, Stopwatch, capture_layers, landmark_factors, pla
 from mmi.cellfiles import city_glb, write_cell
 from mmi.cells import ViewingCell, spread, viewing_cells
 from mmi.city import City
-from mmi.dataset import FORMAT_VERSION, DatasetFolder, build_folder, readable_json
+from mmi.dataset import FORMAT_VERSION, DatasetFolder, build_folder, readable_json, with_checksum
 from mmi.errors import DatasetError, MmiError, ParameterError
 from mmi.io.stored import city_from_json, city_to_json, fingerprint, object_fingerprints
 from mmi.parameters import BuildParameters
@@ -344,13 +344,15 @@ def _peak_memory(*, shared: bool = True) -> int:
 def _manifest(parameters: BuildParameters, shared: dict[str, Any], entries: list[dict[str, Any]]) -> dict[str, Any]:
     """What is in the dataset; see schemas/manifest.json."""
     size = sum(entry["bytes"] for entry in entries) + sum(file["bytes"] for file in shared["files"].values())
-    return {
-        "format_version": FORMAT_VERSION,
-        "city": shared,
-        "parameters": parameters.as_dict(),
-        "cells": entries,
-        "totals": {"cells": len(entries), "bytes": size},
-    }
+    return with_checksum(
+        {
+            "format_version": FORMAT_VERSION,
+            "city": shared,
+            "parameters": parameters.as_dict(),
+            "cells": entries,
+            "totals": {"cells": len(entries), "bytes": size},
+        }
+    )
 
 
 def _summary(done: list[_Done], complete: int, manifest: dict[str, Any], seconds: float, workers: int) -> BuildSummary:

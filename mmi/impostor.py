@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mmi.camera import View
 from mmi.cells import ViewingCell
 
-__all__ = ["DepthTexture", "GridMesh", "Impostor", "Layer"]
+__all__ = ["DepthTexture", "GridMesh", "Impostor", "Layer", "LayerPicture"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +82,31 @@ class Layer:
     def name(self) -> str:
         """How files call it: ``s0.l2``, and ``s0.l2.1`` for a second part."""
         return f"s{self.sector}.l{self.index}" + (f".{self.part}" if self.part else "")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LayerPicture:
+    """What it takes to draw a :class:`Layer`: its mesh and its picture, without depth and ids.
+
+    ``view`` is that of the capture; ``pixels`` (h, w, 4) uint8: sRGB, dilated beyond the silhouette, and coverage (0 or 255).
+    """
+
+    name: str
+    index: int
+    sector: int
+    part: int
+    view: View
+    pixels: NDArray[np.uint8]
+    mesh: GridMesh
+
+    def __post_init__(self) -> None:
+        shape = (self.view.window[3], self.view.window[2], 4)
+        if self.pixels.shape != shape or self.pixels.dtype != np.uint8:
+            raise ValueError(
+                f"a picture of {shape} bytes for window {self.view.window} expected, "
+                f"found {self.pixels.shape} of {self.pixels.dtype}"
+            )
+        self.pixels.setflags(write=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -138,6 +138,7 @@ def _histograms(dataset: Dataset) -> Figure:
     cells = dataset.manifest["cells"]
     parameters, city = dataset.manifest["parameters"], dataset.manifest["city"]
     display = parameters["camera"]
+    bound = "no bound on the" if parameters["layering"] == "single" else f"at most {parameters['max_error_px']:g} px of"
     return dataset_histograms(
         layers_per_view=[len({layer["index"] for layer in sector}) for one in cells for sector in one["layers"]],
         cell_bytes=[one["bytes"] for one in cells],
@@ -145,7 +146,7 @@ def _histograms(dataset: Dataset) -> Figure:
         visible_objects=[len(one["near"]) + len(one["far"]) for one in cells],
         triangles=[one["triangles"] for one in cells],
         title=f"{Path(city['source']).name}: {counted(len(cells), 'cell')}, "
-        f"at most {parameters['max_error_px']:g} px of error at {display['width']} x {display['height']}",
+        f"{bound} error at {display['width']} x {display['height']}",
     )
 
 

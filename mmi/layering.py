@@ -3,7 +3,8 @@
 A node is a far object, an edge a pair whose visibility events are too important for one mesh. A layer is a set of
 objects without an edge between any two of them; as few layers as possible is graph colouring, which only heuristics
 solve in useful time. Several are here: the paper's, which keeps layers compact in the image, and greedy colourings of
-networkx.
+networkx. The baseline that the paper compares itself with (section 6.1) is here too: all objects in a single layer, whatever
+happens between them (Sillion, Drettakis, Bodelet 1997).
 
 How much of the image a layer takes is measured on the panorama around the reference viewpoint: each object has a *box*
 (azimuth from, azimuth to, slope from, slope to), where azimuths are radians counter-clockwise from +X, the interval
@@ -91,7 +92,8 @@ def assign_layers(
 
     ``boxes`` (n, 4) are the nodes' boxes in the panorama, in the graph's node order. ``strategy`` is ``incremental`` (the
     paper's), ``dsatur``, ``largest-first``, ``smallest-last`` (networkx's greedy colourings), or ``best``: of all these but
-    ``dsatur`` the one with the fewest layers, then the smallest total area of the layers' boxes.
+    ``dsatur`` the one with the fewest layers, then the smallest total area of the layers' boxes. ``single`` ignores edges:
+    one layer of all nodes (none where there are no nodes).
     Raises ParameterError for any other strategy.
     """
     greedy = dict(_GREEDY)
@@ -107,10 +109,12 @@ def assign_layers(
         return min(candidates, key=cost)
     if strategy == "incremental":
         layers = layers_incremental(graph, boxes)
+    elif strategy == "single":
+        layers = [np.array(graph, dtype=np.int64)] if len(graph) else []
     elif strategy in greedy:
         layers = layers_greedy(graph, greedy[strategy])
     else:
-        names = ", ".join(["best", "incremental", *greedy])
+        names = ", ".join(["best", "incremental", *greedy, "single"])
         raise ParameterError(f"a layering strategy is one of {names}; found {strategy!r}")
     return tuple(sorted((np.sort(layer) for layer in layers), key=lambda layer: int(layer[0])))
 

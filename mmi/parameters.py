@@ -14,7 +14,7 @@ __all__ = ["LAYERINGS", "VISIBILITIES", "WEIGHTS", "BuildParameters"]
 
 VISIBILITIES = ("horizon", "item-buffer")
 WEIGHTS = ("critical-zone", "critical-zone-unsigned")
-LAYERINGS = ("best", "incremental", "largest-first", "smallest-last", "dsatur")
+LAYERINGS = ("best", "incremental", "largest-first", "smallest-last", "dsatur", "single")
 _MOST_PIXELS = 8192
 """An 8K display; captures grow with the square of its focal length, and OpenGL draws 16384 pixels a side at most."""
 
@@ -38,6 +38,7 @@ class BuildParameters:
     visibility: str = "horizon"
     weights: str = "critical-zone"
     layering: str = "best"
+    """How objects are divided into layers; ``single`` puts all into one and keeps no bound (:mod:`mmi.layering`)."""
     landmarks: tuple[tuple[str, float], ...] = ()
     """(object id, factor): weights of this object's pairs are multiplied by the factor (paper section 4.2)."""
     sectors: int = 6

@@ -23,7 +23,7 @@ from shapely.geometry import Polygon
 from mmi import facades
 from mmi.city import City, CityObject
 
-__all__ = ["CityMesh", "build_city_mesh", "mesh_of", "triangulate"]
+__all__ = ["CityMesh", "build_city_mesh", "mesh_of", "triangles_of", "triangulate"]
 
 _SUN = np.array([-0.45, -0.62, 0.64]) / math.sqrt(0.45**2 + 0.62**2 + 0.64**2)  # towards it: south-west, afternoon
 _SUNLIGHT = np.array([0.44, 0.41, 0.35])
@@ -169,6 +169,12 @@ def mesh_of(city_mesh: CityMesh, objects: ArrayLike) -> CityMesh:
         object_triangles=triangle_offsets,
         texture=city_mesh.texture,
     )
+
+
+def triangles_of(mesh: CityMesh, objects: ArrayLike) -> NDArray[np.int32]:
+    """(m, 3) the triangles of some objects, still as indices into all of the mesh's vertices."""
+    rows, _ = _ranges(mesh.object_triangles, np.asarray(objects, dtype=np.int64).reshape(-1))
+    return mesh.triangles[rows]
 
 
 def triangulate(polygon: Polygon) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

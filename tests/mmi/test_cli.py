@@ -440,6 +440,33 @@ def _finished(out):
     return ",".join(path.stem for path in sorted(out.glob("cells/*.json")))
 
 
+def test_one_layer_for_all_far_objects(capsys, city, dataset, tmp_path):
+    status, _, err = run(
+        capsys, build_impostors, city, "-o", tmp_path / "out", *SMALL, "--layering", "single", "--quiet"
+    )
+    assert (status, err) == (0, "")
+    single, best = open_dataset(tmp_path / "out").manifest, open_dataset(dataset).manifest
+    assert single["parameters"] == {**best["parameters"], "layering": "single"}
+    for one, other in zip(single["cells"], best["cells"], strict=True):
+        assert (one["near"], one["far"]) == (other["near"], other["far"])
+        assert {layer["index"] for sector in one["layers"] for layer in sector} <= {0}
+        assert one["promised_error_px"] is None
+
+
+def test_a_manifest_that_was_edited_is_refused_and_mended_by_the_same_command(capsys, city, tmp_path):
+    command = [city, "-o", tmp_path / "out", *SMALL, "--quiet"]
+    run(capsys, build_impostors, *command)
+    manifest = tmp_path / "out" / "manifest.json"
+    before = manifest.read_bytes()
+    manifest.write_bytes(before.replace(b'"half_width": ', b'"half_width": 1', 1))
+    said = refusal(capsys, tmp_path / "out", "-o", tmp_path / "plots", program=inspect_layers)
+    assert "manifest.json: the checksum that build-impostors wrote expected, found other contents" in said
+    run(capsys, build_impostors, *command)
+    assert manifest.read_bytes() == before
+    status, _, err = run(capsys, inspect_layers, tmp_path / "out", "-o", tmp_path / "plots")
+    assert (status, err) == (0, "")
+
+
 # -------------------------------------------------------------------------------------------------- inspect-layers
 
 
@@ -464,7 +491,7 @@ def test_inspect_layers_refuses_what_is_no_dataset(capsys, dataset, tmp_path):
     unfinished.mkdir()
     (unfinished / "build.json").write_bytes((dataset / "build.json").read_bytes())
     assert "its build was not finished: run build-impostors again" in line(unfinished)
-    for damaged in ("{", "[]", '{"format_version": 99}', '{"format_version": 1, "cells": []}'):
+    for damaged in ("{", "[]", '{"format_version": 99}', '{"format_version": 2, "cells": []}'):
         (unfinished / "manifest.json").write_text(damaged)
         assert "manifest.json: " in line(unfinished)
     assert "no cell '9999-99'; there are 6, such as 0000-00" in line(dataset, "--cell", "9999-99")

@@ -201,7 +201,8 @@ def test_a_second_build_in_the_same_folder_is_refused(tmp_path):
         (b"{", "damaged"),
         (b"[]", "format version"),
         (b'{"format_version": 99}', "99"),
-        (b'{"format_version": 1}', "missing"),
+        (b'{"format_version": 1}', "build it again"),
+        (b'{"format_version": 2}', "checksum"),
     ],
 )
 def test_a_damaged_manifest_is_refused(tmp_path, data, message):

@@ -4,10 +4,14 @@ import networkx as nx
 import numpy as np
 import pytest
 import shapely
+from cities import HELSINKI
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from shapely.geometry import LineString, Point, Polygon, box
 
 from mmi.city import City, CityObject, Prism
-from mmi.ground import SKY_HORIZON, SKY_ZENITH, ground_mesh, sky_color
+from mmi.ground import SKY_HORIZON, SKY_ZENITH, ground_mesh, sky_color, tile_bounds
+from mmi.io import read_city
 
 
 def crossroads(ground: float = 0.0) -> City:
@@ -28,7 +32,7 @@ def color_at(mesh, x: float, y: float) -> tuple[int, int, int]:
 
 
 def test_the_ground_is_covered_once_and_faces_up():
-    mesh = ground_mesh(crossroads(2.0), margin=50.0)
+    mesh = ground_mesh(crossroads(2.0), margin=50.0, tile=500.0)
     assert (mesh.positions[:, 2] == 2.0).all()
     a, b, c = mesh.positions[mesh.triangles].astype(float)[..., :2].swapaxes(0, 1)
     area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
@@ -57,6 +61,84 @@ def test_a_city_without_streets_has_ground():
     low, high = mesh.positions.min(axis=0), mesh.positions.max(axis=0)
     assert (low[:2] == -30.0).all()
     assert (high[:2] == 40.0).all()
+
+
+# Tiles
+
+
+def areas(mesh) -> np.ndarray:
+    a, b, c = mesh.positions[mesh.triangles].astype(float)[..., :2].swapaxes(0, 1)
+    return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+
+
+def cuts_along(mesh, tile: int, axis: int, line: float) -> list[tuple[float, float]]:
+    """The sides of a tile's triangles that lie along the line where coordinate ``axis`` is ``line``, from low to high."""
+    corners = mesh.positions[mesh.triangles[mesh.object_triangles[tile] : mesh.object_triangles[tile + 1]]]
+    sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2, 3)
+    sides = sides[(sides[:, :, axis] == np.float32(line)).all(axis=1)]
+    return sorted(tuple(sorted(side.tolist())) for side in sides[:, :, 1 - axis])
+
+
+def assert_tiles_fit(mesh) -> None:
+    """Every tile is full, and neighbours meet vertex to vertex: sides along their border are the same on either side."""
+    bounds = tile_bounds(mesh)
+    per_tile = np.add.reduceat(areas(mesh), mesh.object_triangles[:-1])
+    np.testing.assert_allclose(per_tile, np.prod(bounds[:, 2:] - bounds[:, :2], axis=1), rtol=1e-5, atol=1e-3)
+    assert bounds[np.lexsort((bounds[:, 0], bounds[:, 1]))].tolist() == bounds.tolist()  # row by row
+    borders = 0
+    for i, low in enumerate(bounds):
+        for j, high in enumerate(bounds):
+            for axis in (0, 1):
+                if low[axis + 2] != high[axis] or (low[[1 - axis, 3 - axis]] != high[[1 - axis, 3 - axis]]).any():
+                    continue
+                one, other = (cuts_along(mesh, k, axis, high[axis]) for k in (i, j))
+                assert one == other
+                assert [a for a, _ in one[1:]] == [b for _, b in one[:-1]]
+                assert (one[0][0], one[-1][1]) == (low[1 - axis], low[3 - axis])
+                borders += 1
+    columns, rows = (len(np.unique(bounds[:, k])) for k in (0, 1))
+    assert len(bounds) == columns * rows
+    assert borders == (columns - 1) * rows + columns * (rows - 1)
+
+
+def test_tiles_fit_and_show_the_same_ground():
+    whole, tiled = (ground_mesh(crossroads(2.0), margin=50.0, tile=tile) for tile in (1000.0, 40.0))
+    assert tile_bounds(whole).tolist() == [[-150.0, -150.0, 150.0, 150.0]]
+    assert len(tile_bounds(tiled)) == 8 * 8
+    assert_tiles_fit(tiled)
+    for x, y in np.random.default_rng(3).uniform(-149.0, 149.0, (60, 2)):
+        assert color_at(tiled, x, y) == color_at(whole, x, y)
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    lines=st.lists(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 30)), min_size=2, max_size=4), max_size=4),
+    houses=st.lists(st.tuples(*[st.integers(0, 25)] * 2, *[st.integers(1, 9)] * 2), min_size=1, max_size=5),
+    tile=st.sampled_from([7.0, 10.0, 16.0]),
+    shift=st.sampled_from([0.0, 3333.3]),
+)
+def test_tiles_fit_whatever_lies_on_their_borders(lines, houses, tile, shift):
+    """Whole numbers make streets and pavements end on borders, at corners, and run along them."""
+    streets = nx.MultiGraph()
+    for i, line in enumerate(lines):
+        points = [(x + shift, y + shift) for x, y in line]
+        if LineString(points).length > 0.0:
+            streets.add_edge(2 * i, 2 * i + 1, geometry=LineString(points), half_width=3.0, kind="", name="", index=i)
+    objects = tuple(
+        CityObject(str(i), (Prism(box(x + shift, y + shift, x + shift + w, y + shift + d), 0.0, 9.0),))
+        for i, (x, y, w, d) in enumerate(houses)
+    )
+    city = City(objects, streets, "EPSG:32631", (0.0, 0.0, 0.0), "test")
+    mesh = ground_mesh(city, margin=10.0, tile=tile)
+    assert_tiles_fit(mesh)
+    assert areas(mesh).min() > -2e-3
+
+
+def test_tiles_of_a_real_city_fit():
+    city, _ = read_city(HELSINKI)
+    mesh = ground_mesh(city, margin=300.0)
+    assert (np.ptp(tile_bounds(mesh).reshape(-1, 2, 2), axis=1) <= 200.0).all()
+    assert_tiles_fit(mesh)
 
 
 def test_the_sky_darkens_towards_the_zenith():

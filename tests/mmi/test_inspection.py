@@ -8,6 +8,7 @@ import pytest
 from cities import HELSINKI, crossroads, streets
 from PIL import Image
 
+import mmi.inspection
 from mmi.camera import Camera
 from mmi.city import City
 from mmi.cli import inspect_layers
@@ -16,6 +17,7 @@ from mmi.errors import DatasetError, ParameterError
 from mmi.farm import build_dataset
 from mmi.inspection import inspect_dataset, typical_cell
 from mmi.parameters import BuildParameters
+from mmi.sheets import dataset_histograms
 
 PARAMETERS = BuildParameters(near_distance=30.0, camera=Camera(128, 128, 1.0), cell_length=80.0, sectors=4)
 
@@ -79,6 +81,22 @@ def test_a_cell_without_layers_has_its_map(tmp_path):
     cell = typical_cell(dataset)
     written = inspect_dataset(dataset, tmp_path / "plots")
     assert [path.name for path in written] == [f"{cell}-map.png", f"{cell}-graph.png", "histograms.png"]
+
+
+def test_one_layer_for_all_is_drawn_and_no_bound_claimed(built, tmp_path, monkeypatch):
+    titles = []
+
+    def noted(*, title, **figures):
+        titles.append(title)
+        return dataset_histograms(title=title, **figures)
+
+    monkeypatch.setattr(mmi.inspection, "dataset_histograms", noted)
+    build_dataset(crossroads(), tmp_path / "out", replace(PARAMETERS, layering="single"), max_cells=1)
+    single = open_dataset(tmp_path / "out")
+    assert len(inspect_dataset(single, tmp_path / "plots")) > 3
+    inspect_dataset(built, tmp_path / "plots")
+    assert "no bound on the error at 128 x 128" in titles[0]
+    assert "at most 10 px of error at 128 x 128" in titles[1]
 
 
 def test_visibility_by_item_buffer_is_planned_again_too(tmp_path):

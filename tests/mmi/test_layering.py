@@ -185,6 +185,20 @@ def test_greedy_layers_are_the_colours_of_networkx(strategy, case):
     }
 
 
+@settings(deadline=None, max_examples=20)
+@given(graphs())
+def test_a_single_layer_holds_all_whatever_happens_between_them(case):
+    graph, boxes = case
+    layers = assign_layers(graph, boxes, strategy="single")
+    assert [layer.tolist() for layer in layers] == ([sorted(graph)] if len(graph) else [])
+    assert all(layer.dtype == np.int64 for layer in layers)
+
+
+def test_a_single_layer_is_never_the_best_where_there_is_an_event():
+    assert len(assign_layers(FIGURE_4, ROW, strategy="single")) == 1
+    assert len(assign_layers(FIGURE_4, ROW)) > 1
+
+
 def test_unknown_strategy():
     with pytest.raises(ParameterError, match=r"one of best, incremental, dsatur, .*found 'random'"):
         assign_layers(FIGURE_4, ROW, strategy="random")

@@ -64,14 +64,17 @@ def test_what_a_build_writes_is_as_described(documents, name):
     assert complaints(name, documents[name]) == []
 
 
-def test_a_cell_without_layers_landmarks_and_a_triangle_budget_are_as_described(tmp_path):
+def test_a_cell_without_layers_landmarks_a_triangle_budget_and_a_single_layer_are_as_described(tmp_path):
     build_dataset(city_of(two_blocks().objects[0]), tmp_path / "a", replace(PARAMETERS, near_distance=500.0))
     settings = replace(PARAMETERS, near_triangles=0, landmarks=(("back", 2.0),))
     build_dataset(two_blocks(), tmp_path / "b", settings)
     bare, full = (json.loads((tmp_path / out / "manifest.json").read_bytes()) for out in "ab")
+    build_dataset(crossroads(), tmp_path / "c", replace(PARAMETERS, layering="single"), max_cells=1)
+    single = json.loads((tmp_path / "c" / "manifest.json").read_bytes())
+    assert single["cells"][0]["promised_error_px"] is None
     assert "exr" not in bare["cells"][0]["files"]
     assert full["parameters"]["landmarks"] == [["back", 2.0]]
-    assert complaints("manifest", bare) == complaints("manifest", full) == []
+    assert complaints("manifest", bare) == complaints("manifest", full) == complaints("manifest", single) == []
 
 
 @pytest.mark.parametrize("name", ["manifest", "build"])
@@ -93,7 +96,7 @@ def test_no_field_takes_any_value(documents, name):
     for way in objects(documents[name]):
         for key in part(documents[name], way):
             for wrong in (None, [None], True):
-                if wrong is None and key == "near_triangles":
+                if wrong is None and key in ("near_triangles", "promised_error_px"):
                     continue
                 other = copy.deepcopy(documents[name])
                 part(other, way)[key] = wrong
@@ -103,7 +106,8 @@ def test_no_field_takes_any_value(documents, name):
 @pytest.mark.parametrize(
     ("way", "wrong"),
     [
-        (("format_version",), 2),
+        (("format_version",), 1),
+        (("checksum",), "0" * 63),
         (("city", "files", "glb", "sha256"), "abc"),
         (("city", "files", "json", "name"), "../city.json"),
         (("cells", 0, "files", "exr", "name"), "/etc/passwd"),
@@ -113,6 +117,8 @@ def test_no_field_takes_any_value(documents, name):
         (("parameters", "weights"), "tight"),
         (("parameters", "camera", "fov"), 60.0),
         (("totals", "cells"), "8"),
+        (("parameters", "layering"), "none"),
+        (("cells", 0, "promised_error_px"), 0.0),
     ],
 )
 def test_wrong_values_are_noticed(documents, way, wrong):

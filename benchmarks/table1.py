@@ -1,0 +1,106 @@
+"""The paper's table 1 (section 6.1): frame rates of a walk by each technique, as ratios within one run.
+
+    python benchmarks/table1.py out/helsinki --tour 300
+    python benchmarks/table1.py out/helsinki --tour 300 --near 100000      # near geometry of 100,000 triangles and more
+
+A walk along the dataset's streets, drawn by all techniques in turn, several times, each time with empty caches: cells come
+from disk while the walk goes on. ``--near`` cuts every triangle of the city into as many as it takes for the median cell to
+have so many triangles of near geometry, as a stand-in for a model with that much detail; impostors do not change by it.
+``--json`` appends the figures as a line.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from walks import PAPER, detailed, rounds, total_ms
+
+from mmi.dataset import open_dataset
+from viewer.scene import open_scene
+from viewer.techniques import TECHNIQUES, single_mesh_scene
+from viewer.tour import tour
+
+TECHNIQUES_OF_PAPER = ("full", "visible", "local", "single-mesh", "multi-mesh")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("dataset", type=Path, metavar="OUT")
+    parser.add_argument("--tour", type=float, default=300.0, metavar="METRES")
+    parser.add_argument("--speed", type=float, default=5.0, metavar="M/S")
+    parser.add_argument("--fps", type=float, default=10.0)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--near", type=int, metavar="TRIANGLES")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--techniques", default=",".join(TECHNIQUES))
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    techniques = options.techniques.split(",")
+    scene = open_scene(open_dataset(options.dataset), name="multi-mesh")
+    entries = {entry["id"]: entry for entry in scene.dataset.manifest["cells"]}
+    neighbours = {name: entry["neighbours"] for name, entry in entries.items()}
+    walk = tour(scene.whereabouts.cells, neighbours, metres=options.tour, speed=options.speed, seed=options.seed)
+    visited: list[str] = []
+    for step in walk.frames(options.fps):
+        visited.append(scene.whereabouts.cell_at(np.array(step.pose.eye), current=visited[-1] if visited else None))
+    near = np.median([entries[name]["near_triangles"] for name in visited])
+    side = 1 if options.near is None else math.ceil(math.sqrt(options.near / near))
+    if side > 1:
+        scene = replace(scene, mesh=detailed(scene.mesh, side))
+    scenes = {"multi-mesh": scene}
+    if "single-mesh" in techniques:
+        folder = options.dataset.with_name(options.dataset.name + "-single-mesh")
+        scenes["single-mesh"] = single_mesh_scene(scene, folder, visited, workers=2)
+    print(
+        f"{options.dataset}: {walk.metres:.0f} m through {len(set(visited))} cells, {len(visited)} frames, "
+        f"{options.rounds} rounds, city of {len(scene.mesh.triangles)} triangles, near geometry {near * side**2:.0f}"
+    )
+    found = rounds(scenes, walk, techniques, fps=options.fps, rounds=options.rounds)
+
+    times = {name: total_ms(runs) for name, runs in found.items()}
+    middle = {name: float(np.median(some)) for name, some in times.items()}
+    print(
+        "| technique | ms p50 / p95 / p99 / max | triangles | draws | /full | /visible | /local | O2 | InfiniteReality |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|")
+    for name in techniques:
+        p = np.percentile(times[name], [50, 95, 99, 100])
+        frames = [frame for run in found[name] for frame in run]
+        sent = [np.mean([getattr(frame, what) for frame in frames]) for what in ("triangles", "draws")]
+        ratios = [f"{middle[other] / middle[name]:.2f}" for other in ("full", "visible", "local") if other in middle]
+        paper = [
+            " / ".join(f"{rates[name] / rates[other]:.2f}" for other in ("full", "visible", "local"))
+            for rates in PAPER.values()
+        ]
+        print(
+            f"| {name} | {p[0]:.1f} / {p[1]:.1f} / {p[2]:.1f} / {p[3]:.1f} | {sent[0]:.0f} | {sent[1]:.1f} | "
+            + " | ".join([*ratios, *paper])
+            + " |"
+        )
+    for name in techniques:
+        if name not in scenes:
+            continue
+        runs = found[name]
+        middle_of_all = np.median(times[name])
+        slow = [frame for run in runs for frame in run if 1e3 * frame.total > 2.0 * middle_of_all]
+        loading = [frame for frame in slow if frame.waiting + frame.uploading > 0.1 * frame.total]
+        waits = [1e3 * frame.waiting for run in runs for frame in run if frame.waiting > 0.0]
+        first = [1e3 * frame.loading for run in runs for frame in run if frame.cut]
+        print(
+            f"{name}: {len(slow)} of {len(times[name])} frames above twice the median, {len(loading)} of them with loading; "
+            f"{len(waits)} frames waited for a cell{f', at most {max(waits):.0f} ms' if waits else ''}; uploads at most "
+            f"{1e3 * max(frame.uploading for run in runs for frame in run):.1f} ms a frame; "
+            f"the first cell and cells behind cuts took {np.mean(first):.0f} ms each"
+        )
+    if options.json is not None:
+        with options.json.open("a") as file:
+            print(json.dumps({"dataset": options.dataset.name, "near": near * side**2, "ms": middle}), file=file)
+
+
+if __name__ == "__main__":
+    main()

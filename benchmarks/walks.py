@@ -1,0 +1,69 @@
+"""What the benchmarks of walks share: rounds of a walk by several techniques, and what a round says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from mmi.surfaces import CityMesh
+from viewer.gl import Renderer
+from viewer.loop import FrameTimes, run_walk
+from viewer.scene import Scene
+from viewer.techniques import cell_cache, make_technique
+from viewer.walk import Walk
+
+PAPER = {
+    "O2": {"full": 1.0, "local": 14.5, "visible": 4.3, "single-mesh": 15.9, "multi-mesh": 10.9},
+    "InfiniteReality": {"full": 3.3, "local": 118.4, "visible": 18.4, "single-mesh": 103.3, "multi-mesh": 85.0},
+}
+"""Frame rates of the paper's table 1, Hz."""
+
+
+def detailed(mesh: CityMesh, side: int) -> CityMesh:
+    """The same surfaces with every triangle cut into ``side`` squared: a stand-in for models with that much more detail."""
+    steps = [(i, j) for i in range(side + 1) for j in range(side + 1 - i)]
+    place = {step: k for k, step in enumerate(steps)}
+    weights = np.array([[side - i - j, i, j] for i, j in steps]) / side
+    cells = [(place[i, j], place[i + 1, j], place[i, j + 1]) for i in range(side) for j in range(side - i)]
+    cells += [
+        (place[i + 1, j], place[i + 1, j + 1], place[i, j + 1]) for i in range(side - 1) for j in range(side - 1 - i)
+    ]
+
+    def spread(values: np.ndarray) -> np.ndarray:
+        corners = values[mesh.triangles].astype(np.float64)  # (m, 3, d)
+        return np.einsum("kc,mcd->mkd", weights, corners).reshape(-1, values.shape[1])
+
+    count, n = len(mesh.triangles), len(steps)
+    return CityMesh(
+        positions=spread(mesh.positions).astype(np.float32),
+        uv=spread(mesh.uv).astype(np.float32),
+        colors=np.rint(spread(mesh.colors)).astype(np.uint8),
+        triangles=(np.array(cells)[None] + n * np.arange(count)[:, None, None]).reshape(-1, 3).astype(np.int32),
+        object_vertices=n * mesh.object_triangles,
+        object_triangles=side * side * mesh.object_triangles,
+        texture=mesh.texture,
+    )
+
+
+def rounds(
+    scenes: Mapping[str, Scene], walk: Walk, techniques: Sequence[str], *, fps: float, rounds: int, read: bool = False
+) -> dict[str, list[list[FrameTimes]]]:
+    """``rounds`` times the walk by each technique in turn, so that a noisy moment meets all; caches empty each time."""
+    main = scenes["multi-mesh"]
+    camera = main.camera
+    found: dict[str, list[list[FrameTimes]]] = {name: [] for name in techniques}
+    with Renderer(main.mesh, main.ground, size=(camera.width, camera.height)) as renderer:
+        print(f"drawn by {renderer.device}", flush=True)
+        for _ in range(rounds):
+            for name in techniques:
+                with cell_cache(scenes, renderer) as cache:
+                    technique = make_technique(name, scenes)
+                    steps = walk.frames(fps)
+                    found[name].append(run_walk(steps, technique, renderer, cache, camera=camera, read=read))
+    return found
+
+
+def total_ms(runs: Sequence[Sequence[FrameTimes]]) -> np.ndarray:
+    """Milliseconds of all frames of all rounds."""
+    return 1e3 * np.array([frame.total for run in runs for frame in run])

@@ -1,0 +1,32 @@
+"""A small dataset for all tests of the viewer, built once: the crossroads, five cells a street."""
+
+from dataclasses import replace
+
+import pytest
+from cities import crossroads
+
+from mmi.dataset import open_dataset
+from mmi.farm import build_dataset
+from mmi.parameters import BuildParameters
+from viewer.scene import open_scene
+
+PARAMETERS = BuildParameters(near_distance=30.0)
+
+
+@pytest.fixture(scope="session")
+def dataset(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("viewer") / "crossroads"
+    build_dataset(crossroads(), folder, PARAMETERS)
+    return open_dataset(folder)
+
+
+@pytest.fixture(scope="session")
+def scene(dataset):
+    return open_scene(dataset, name="multi-mesh")
+
+
+@pytest.fixture(scope="session")
+def single(tmp_path_factory, scene):
+    folder = tmp_path_factory.mktemp("viewer") / "single"
+    build_dataset(crossroads(), folder, replace(PARAMETERS, layering="single"))
+    return open_scene(open_dataset(folder), name="single-mesh", like=scene)

@@ -1,0 +1,122 @@
+"""The frame loop: plans are made, what they need is brought in, they are drawn, and all of it is timed.
+
+Where the viewer is comes from a walk and its fixed steps, never from the clock, so that a walk replayed gives the same plans
+and pictures on any machine. What a frame took is the time from asking for its plan to the finished picture, loading
+included.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Protocol
+
+from mmi.camera import Camera, View
+from viewer.frame import Frame
+from viewer.streaming import CellCache
+from viewer.technique import Budget, Plan, Technique
+from viewer.walk import Step
+
+__all__ = ["FrameTimes", "Painter", "run_walk"]
+
+_UPLOADING = 0.1
+"""Share of the last frame's time that uploads of cells ahead may take in the next."""
+_SWITCH_INTERVAL = 5e-4
+"""Seconds that the loading thread may hold the interpreter; Python's own 5 ms would be felt in a frame."""
+
+
+class Painter(Protocol):
+    """What draws plans: a renderer, or a test's double of one."""
+
+    def draw(self, plan: Plan, view: View, *, read: bool = True) -> Frame:
+        """Draw ``plan`` as ``view`` sees it."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class FrameTimes:
+    """One frame of a walk: seconds ``total``, of which ``drawing``, ``uploading`` cells ahead and ``waiting`` for cells.
+
+    ``gpu`` is what the GPU says of the drawing. ``entered``: the viewer is in another cell than in the last frame.
+    ``loading`` is what a walk waits for before its first frame and where it is cut, as behind a loading screen; no part of
+    ``total``.
+    """
+
+    time: float
+    cell: str
+    entered: bool
+    cut: bool
+    total: float
+    drawing: float
+    gpu: float | None
+    uploading: float
+    waiting: float
+    loading: float
+    triangles: int
+    draws: int
+
+
+def run_walk(
+    steps: Sequence[Step],
+    technique: Technique,
+    painter: Painter,
+    cache: CellCache,
+    *,
+    camera: Camera,
+    budget: float = 1.0 / 30.0,
+    read: bool = False,
+    shown: Callable[[Step, View, Plan, Frame], None] | None = None,
+) -> list[FrameTimes]:
+    """Draw every step of a walk with a technique; what each frame took.
+
+    ``budget`` is the time that a frame should take, in seconds. ``shown`` gets each frame after it was timed, with its colours
+    if ``read``. Raises DatasetError where a cell's files are missing or damaged.
+    """
+    times: list[FrameTimes] = []
+    last, place = 0.0, ""
+    with _quick_switches():
+        for step in steps:
+            view = step.pose.view(camera)
+            start = time.perf_counter()
+            plan = technique.plan(view, now=step.time, budget=Budget(budget, last))
+            cache.want(plan.cells, plan.ahead)
+            planned = time.perf_counter() - start
+            loading = cache.require(plan.cells, counted=False) if step.cut else 0.0
+            waiting = cache.require(plan.cells)
+            uploading = cache.spend(_UPLOADING * last)
+            frame = painter.draw(plan, view, read=read)
+            total = planned + waiting + uploading + frame.seconds
+            times.append(
+                FrameTimes(
+                    time=step.time,
+                    cell=plan.place,
+                    entered=plan.place != place and not step.cut,
+                    cut=step.cut,
+                    total=total,
+                    drawing=frame.seconds,
+                    gpu=frame.gpu_seconds,
+                    uploading=uploading,
+                    waiting=waiting,
+                    loading=loading,
+                    triangles=frame.triangles,
+                    draws=frame.draws,
+                )
+            )
+            last, place = total, plan.place
+            if shown is not None:
+                shown(step, view, plan, frame)
+    return times
+
+
+@contextmanager
+def _quick_switches() -> Iterator[None]:
+    """Let threads take turns more often than Python does by itself."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(_SWITCH_INTERVAL)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)

@@ -1,0 +1,40 @@
+"""Random views inside cells: what measures are taken from, and what no capture has seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from mmi.cells import ViewingCell
+from mmi.errors import ParameterError
+from viewer.walk import Pose
+
+__all__ = ["random_views"]
+
+
+def random_views(cells: Sequence[ViewingCell], n: int, *, seed: int) -> list[tuple[str, Pose]]:
+    """``n`` views (cell, pose), sorted by cell: any cell, anywhere in its rectangle and eye band, level, any heading.
+
+    The same cells and seed give the same views, and none is taken from a reference viewpoint, where layers were captured.
+    Raises ParameterError for no cells, or a number of views below 1.
+    """
+    if not cells:
+        raise ParameterError("cells to take views from expected, found none")
+    if n < 1:
+        raise ParameterError(f"a number of views of at least 1 expected, found {n}")
+    rng = np.random.default_rng(seed)
+    views = []
+    for place in np.sort(rng.integers(0, len(cells), n)):
+        cell = cells[place]
+        p, q = np.array(cell.p), np.array(cell.q)
+        along = (q - p) / cell.length
+        side = np.array([-along[1], along[0]])
+        while True:
+            spot = p + rng.uniform(0.0, 1.0) * (q - p) + rng.uniform(-1.0, 1.0) * cell.half_width * side
+            eye = (float(spot[0]), float(spot[1]), float(rng.uniform(*cell.eye)))
+            if math.dist(eye, cell.reference) > 0.0:
+                break
+        views.append((cell.id, Pose(eye, float(rng.uniform(-math.pi, math.pi)), 0.0)))
+    return views

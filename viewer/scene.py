@@ -1,0 +1,132 @@
+"""A dataset opened for walking: the city's geometry, its cells, and what each cell's impostor consists of.
+
+All of it comes from the manifest and the files that cells share; the cells' own files are for ``viewer.streaming``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mmi.camera import Camera, View
+from mmi.cellfiles import captured_view, read_city_mesh, stored_cell
+from mmi.cells import ViewingCell
+from mmi.dataset import Dataset
+from mmi.errors import DatasetError
+from mmi.ground import tile_bounds
+from mmi.parameters import BuildParameters
+from mmi.surfaces import CityMesh
+from viewer.frustum import box_corners, window_corners, within_view
+from viewer.technique import Ground
+from viewer.whereabouts import Whereabouts
+
+__all__ = ["CellScene", "Scene", "open_scene"]
+
+_FAR_GROUND_PX = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellScene:
+    """A cell and its impostor, as far as the manifest tells.
+
+    ``near`` and ``visible`` are indices into the city's objects. ``layers`` are names sorted from the nearest to the
+    farthest, ``hulls`` (n, 8, 3) what their meshes lie in.
+    """
+
+    cell: ViewingCell
+    near: NDArray[np.int64]
+    visible: NDArray[np.int64]
+    layers: tuple[str, ...]
+    hulls: NDArray[np.float64]
+
+    def layers_in(self, view: View) -> tuple[str, ...]:
+        """The layers that ``view`` may show, nearest first."""
+        return tuple(self.layers[i] for i in np.flatnonzero(within_view(self.hulls, view)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """What techniques know. ``name`` is that of its layers in plans; ``objects`` maps ids to places in ``mesh``."""
+
+    name: str
+    dataset: Dataset
+    parameters: BuildParameters
+    mesh: CityMesh
+    ground: CityMesh
+    ground_height: float
+    tiles: NDArray[np.float64]
+    whereabouts: Whereabouts
+    objects: Mapping[str, int]
+
+    @property
+    def camera(self) -> Camera:
+        """The display that the dataset was built for."""
+        return self.parameters.camera
+
+    def cell(self, name: str) -> CellScene:
+        """What the manifest says of a cell. Raises DatasetError where it is none of the dataset's."""
+        entry = self.dataset.cell(name)
+        near = self._indices(entry["near"])
+        described = [(sector, one) for sector, layers in enumerate(entry["layers"]) for one in layers]
+        described.sort(key=lambda pair: (pair[1]["depth"][0], pair[1]["name"]))
+        hulls = [window_corners(captured_view(entry, sector, one), *one["depth"]) for sector, one in described]
+        return CellScene(
+            cell=stored_cell(entry),
+            near=near,
+            visible=np.union1d(near, self._indices(entry["far"])),
+            layers=tuple(one["name"] for _, one in described),
+            hulls=np.array(hulls, dtype=np.float64).reshape(-1, 8, 3),
+        )
+
+    def ground_in(self, view: View) -> Ground:
+        """The tiles of the ground that ``view`` may show.
+
+        Beyond the distance at which the rest of the ground is a line of a pixel below the horizon, none.
+        """
+        height = max(float(view.eye[2]) - self.ground_height, 0.1)
+        reach = height * view.focal / _FAR_GROUND_PX
+        x, y, _ = view.eye
+        beside = np.maximum(np.maximum(self.tiles[:, 0] - x, x - self.tiles[:, 2]), 0.0)
+        before = np.maximum(np.maximum(self.tiles[:, 1] - y, y - self.tiles[:, 3]), 0.0)
+        close = np.flatnonzero(np.hypot(beside, before) <= reach)
+        level = np.full(len(close), self.ground_height)
+        low = np.column_stack([self.tiles[close, :2], level])
+        high = np.column_stack([self.tiles[close, 2:], level])
+        return Ground(tuple(close[within_view(box_corners(low, high), view)].tolist()))
+
+    def _indices(self, ids: list[str]) -> NDArray[np.int64]:
+        try:
+            return np.array([self.objects[one] for one in ids], dtype=np.int64)
+        except KeyError as error:
+            raise DatasetError(
+                f"{self.dataset.path / 'manifest.json'}: objects of {self.dataset.path / 'city.json'} expected, "
+                f"found {error}"
+            ) from error
+
+
+def open_scene(dataset: Dataset, *, name: str, like: Scene | None = None) -> Scene:
+    """Open a dataset for walking; ``like`` is one of the same city whose geometry is there already.
+
+    Raises DatasetError where the dataset has no cells, a file is missing or damaged, or ``like`` shows another city.
+    """
+    manifest = dataset.manifest
+    if not manifest["cells"]:
+        raise DatasetError(f"{dataset.path}: a dataset with cells expected, found none; build some")
+    if like is not None and like.dataset.manifest["city"]["files"] != manifest["city"]["files"]:
+        raise DatasetError(f"{dataset.path}: the city of {like.dataset.path} expected, found another")
+    mesh, ground = (like.mesh, like.ground) if like is not None else read_city_mesh(dataset)
+    cells = tuple(stored_cell(entry) for entry in manifest["cells"])
+    return Scene(
+        name=name,
+        dataset=dataset,
+        parameters=BuildParameters.from_dict(manifest["parameters"]),
+        mesh=mesh,
+        ground=ground,
+        ground_height=float(manifest["city"]["ground"]),
+        tiles=tile_bounds(ground) if like is None else like.tiles,
+        whereabouts=Whereabouts(cells, {entry["id"]: entry["neighbours"] for entry in manifest["cells"]}),
+        objects=dataset.city().index() if like is None else like.objects,
+    )
