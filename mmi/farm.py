@@ -36,7 +36,7 @@ from mmi.io.stored import city_from_json, city_to_json, fingerprint, object_fing
 from mmi.parameters import BuildParameters
 from mmi.surfaces import CityMesh, mesh_of
 
-__all__ = ["BuildSummary", "build_dataset", "cells_to_build"]
+__all__ = ["BuildSummary", "build_dataset", "cells_to_build", "without_interrupts"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,7 +251,7 @@ def _run(
         for _ in range(workers):
             ours, theirs = context.Pipe()
             process = context.Process(target=_serve, args=(theirs, str(folder.path), parameters), daemon=True)
-            with _without_interrupts():
+            with without_interrupts():
                 process.start()
             theirs.close()
             ends.append(ours)
@@ -266,7 +266,7 @@ def _run(
 
 
 @contextmanager
-def _without_interrupts() -> Iterator[None]:
+def without_interrupts() -> Iterator[None]:
     """Hold Ctrl-C back; a process started meanwhile never sees it: Ctrl-C is the parent's business."""
     resource_tracker.ensure_running()  # it lets Ctrl-C through again when it starts
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

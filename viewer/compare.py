@@ -38,7 +38,7 @@ from viewer.report import write_report
 from viewer.sampling import random_views
 from viewer.scene import Scene, open_scene
 from viewer.scoring import Judge, Scored
-from viewer.streaming import CacheReport
+from viewer.streaming import CacheReport, CellCache
 from viewer.summary import frame_summary, summarise
 from viewer.technique import Budget, Technique
 from viewer.techniques import LAYERED, TECHNIQUES, cell_cache, make_technique, single_mesh_scene
@@ -121,7 +121,7 @@ def compare_views(
         device = renderer.device
         with (
             cell_cache(scenes, renderer, measured=True, capacity=options.cache) as cache,
-            Judge(main, renderer, cache, camera=camera, keep=options.keep, flip=options.flip) as judge,
+            _judge(main, renderer, cache, options) as judge,
         ):
             for done, ((_, pose), cell) in enumerate(zip(poses, cells, strict=True)):
                 tell("views", done, views)
@@ -253,6 +253,10 @@ def _renderer(scene: Scene, *, measured: bool, samples: int) -> Renderer:
     return Renderer(scene.mesh, scene.ground, size=size, measured=measured, samples=samples)
 
 
+def _judge(scene: Scene, renderer: Renderer, cache: CellCache, options: CompareOptions) -> Judge:
+    return Judge(scene, renderer, cache, keep=options.keep, flip=options.flip, workers=options.workers)
+
+
 def _places(scene: Scene, walk: Walk, options: CompareOptions) -> list[str]:
     """The cells that a walk comes through."""
     names: list[str] = []
@@ -293,7 +297,7 @@ def _score_walk(
     with (
         _renderer(main, measured=True, samples=options.samples) as renderer,
         cell_cache(scenes, renderer, measured=True, capacity=options.cache) as cache,
-        Judge(main, renderer, cache, camera=main.camera, keep=options.keep, flip=options.flip) as judge,
+        _judge(main, renderer, cache, options) as judge,
         film as add,
     ):
         before: dict[str, Frame] = {}

@@ -145,6 +145,8 @@ def flip_map(reference: NDArray[np.uint8], test: NDArray[np.uint8]) -> NDArray[n
     """
     if reference.shape != test.shape or reference.ndim != 3 or reference.shape[2] != 3:
         raise ValueError(f"two pictures (h, w, 3) of one size expected, found {reference.shape} and {test.shape}")
+    if np.array_equal(reference, test):
+        return np.zeros(reference.shape[:2], dtype=np.float32)
     pictures = (np.ascontiguousarray(picture, dtype=np.float32) / np.float32(255.0) for picture in (reference, test))
     errors: NDArray[np.float32] = flip_evaluator.evaluate(
         *pictures, "LDR", applyMagma=False, computeMeanError=False, parameters={}

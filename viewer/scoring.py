@@ -1,7 +1,8 @@
 """Scores of techniques: each view drawn by the technique and by the geometry, with one measuring renderer.
 
 Where layers were captured from, and so what their captures cannot have seen, is known for each cell: a view's disocclusion
-mask compares its surfaces with the geometry as seen from there. Drawing goes on while earlier views are compared in threads.
+mask compares its surfaces with the geometry as seen from there. Drawing goes on while earlier views are compared, in other
+processes where there may be some (FLIP keeps all other threads of its process waiting).
 """
 
 from __future__ import annotations
@@ -9,22 +10,28 @@ from __future__ import annotations
 import heapq
 import math
 import os
+import signal
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from multiprocessing import get_context
 from types import TracebackType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mmi.camera import Camera, View
+from mmi.camera import View
+from mmi.errors import CaptureError
+from mmi.farm import without_interrupts
 from viewer.disocclusion import disocclusion_mask, panorama_views
 from viewer.frame import Frame
 from viewer.gl import Renderer
 from viewer.quality import ViewErrors, WrongRegions, view_errors, wrong_regions
 from viewer.scene import Scene
 from viewer.streaming import CellCache
-from viewer.technique import Budget, Plan, Technique
+from viewer.technique import Plan, Technique
 from viewer.walk import Pose
 
 __all__ = ["Judge", "Scored", "WorstView"]
@@ -57,17 +64,29 @@ class WorstView:
 class Judge:
     """Draws, compares, and keeps the worst. Use as a context manager.
 
-    ``keep`` views are kept as pictures for each technique; ``flip`` also takes the slowest of the measures.
+    ``keep`` views are kept as pictures for each technique; ``flip`` also takes the slowest of the measures; ``workers``
+    processes compare, or this one where that is 1.
     """
 
     def __init__(
-        self, scene: Scene, renderer: Renderer, cache: CellCache, *, camera: Camera, keep: int = 8, flip: bool = True
+        self,
+        scene: Scene,
+        renderer: Renderer,
+        cache: CellCache,
+        *,
+        keep: int = 8,
+        flip: bool = True,
+        workers: int = 1,
     ) -> None:
-        self._scene, self._renderer, self._cache, self._camera = scene, renderer, cache, camera
+        self._scene, self._renderer, self._cache, self._camera = scene, renderer, cache, scene.camera
         self._keep, self._flip = keep, flip
         self._panorama: tuple[str, dict[int, tuple[View, NDArray[np.float32]]]] = ("", {})
-        self._pool = ThreadPoolExecutor(len(os.sched_getaffinity(0)))
-        self._pending: list[Future[tuple[Scored, WrongRegions, Frame, Frame]]] = []
+        self._pool: ProcessPoolExecutor | None = None
+        if workers > 1:
+            self._pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_ignore_interrupts)
+            with without_interrupts():  # the first task starts all processes
+                self._pool.submit(os.getpid)
+        self._pending: list[tuple[_Where, Frame, Frame, Future[ViewErrors]]] = []
         self._worst: dict[str, list[tuple[float, float, int, WorstView]]] = {}
         self._scored: list[Scored] = []
         self._order = 0
@@ -78,7 +97,8 @@ class Judge:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._pool.shutdown(cancel_futures=True)
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
 
     def truth(self, plan: Plan, pose: Pose, cell: str) -> tuple[Frame, NDArray[np.bool_]]:
         """The geometry's measured frame, and what of it cannot be seen from the reference viewpoint of ``cell``."""
@@ -98,18 +118,24 @@ class Judge:
         time: float | None = None,
     ) -> Frame:
         """Draw a technique's ``plan`` and compare it with ``truth``; the frame."""
+        frame, hidden = truth
         self._cache.want(plan.cells)
         self._cache.require(plan.cells)
         shown = self._renderer.draw(plan, pose.view(self._camera), measured=True)
-        self._pending.append(self._pool.submit(self._compare, technique.name, cell, pose, time, truth, shown))
+        where = _Where(technique.name, cell, pose, time)
+        task = (frame, shown, self._camera.focal, hidden, self._flip)
+        if self._pool is None:
+            self._settle(where, frame, shown, _compare(*task))
+        else:
+            self._pending.append((where, frame, shown, self._pool.submit(_compare, *task)))
         if len(self._pending) > _PENDING:
-            self._settle(self._pending.pop(0))
+            self._settle_first()
         return shown
 
     def results(self) -> list[Scored]:
         """All scores so far, in the order in which they were asked for."""
         while self._pending:
-            self._settle(self._pending.pop(0))
+            self._settle_first()
         return list(self._scored)
 
     def worst(self, technique: str) -> Iterator[WorstView]:
@@ -118,27 +144,23 @@ class Judge:
         for *_, view in sorted(self._worst.get(technique, []), key=lambda one: (-one[0], -one[1], one[2])):
             yield view
 
-    def _compare(
-        self,
-        technique: str,
-        cell: str,
-        pose: Pose,
-        time: float | None,
-        truth: tuple[Frame, NDArray[np.bool_]],
-        shown: Frame,
-    ) -> tuple[Scored, WrongRegions, Frame, Frame]:
-        frame, hidden = truth
-        errors = view_errors(frame, shown, focal=self._camera.focal, disoccluded=hidden, flip=self._flip)
-        return Scored(technique, cell, pose, time, errors), wrong_regions(frame, shown), frame, shown
+    def _settle_first(self) -> None:
+        where, truth, shown, future = self._pending.pop(0)
+        try:
+            errors = future.result()
+        except BrokenProcessPool as error:
+            raise CaptureError("a process that compares pictures ended unexpectedly (out of memory?)") from error
+        self._settle(where, truth, shown, errors)
 
-    def _settle(self, future: Future[tuple[Scored, WrongRegions, Frame, Frame]]) -> None:
-        scored, regions, truth, shown = future.result()
+    def _settle(self, where: _Where, truth: Frame, shown: Frame, errors: ViewErrors) -> None:
+        scored = Scored(*where, errors)
         self._scored.append(scored)
-        view = WorstView(scored, truth.color, shown.color, regions)
+        if not self._keep or not errors.wrong_share:
+            return
+        view = WorstView(scored, truth.color, shown.color, wrong_regions(truth, shown))
         kept = self._worst.setdefault(scored.technique, [])
         self._order += 1
-        if scored.errors.wrong_share > 0.0:
-            heapq.heappush(kept, (scored.errors.thickness_px, scored.errors.wrong_share, self._order, view))
+        heapq.heappush(kept, (errors.thickness_px, errors.wrong_share, self._order, view))
         if len(kept) > self._keep:
             heapq.heappop(kept)
 
@@ -165,6 +187,19 @@ class Judge:
         return captured
 
 
-def settled(technique: Technique, pose: Pose, camera: Camera, *, now: float = 0.0) -> Plan:
-    """A technique's plan for one pose."""
-    return technique.plan(pose.view(camera), now=now, budget=Budget())
+class _Where(NamedTuple):
+    """What :class:`Scored` says besides errors."""
+
+    technique: str
+    cell: str
+    pose: Pose
+    time: float | None
+
+
+def _compare(truth: Frame, shown: Frame, focal: float, disoccluded: NDArray[np.bool_], flip: bool) -> ViewErrors:
+    return view_errors(truth, shown, focal=focal, disoccluded=disoccluded, flip=flip)
+
+
+def _ignore_interrupts() -> None:
+    """Ctrl-C is the business of the process that started this one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -275,8 +275,11 @@ def _track(stretches: list[_Stretch], speed: float) -> Iterator[tuple[float, NDA
             stops |= {0.5 * behind.after, behind.after}
         if abs(ahead.turn) > _BEND:
             stops |= {length - 0.5 * ahead.before, length - ahead.before}
-        for stop in sorted(stops):
-            eye = stretch.start + (stop / length if length > 0.0 else 0.0) * (stretch.end - stretch.start)
+        spots = [(stretch.start + stop / length * (stretch.end - stretch.start), stop) for stop in sorted(stops)]
+        if behind.gap > _SAME:  # close to its ends, for the path to cross it straight
+            across = stretch.start - here
+            spots = [(here + share * across, (share - 1.0) * behind.gap) for share in (0.25, 0.75)] + spots
+        for eye, stop in spots:
             away = math.dist(here, eye)
             if not first and away < _SPACING:
                 continue

@@ -30,8 +30,6 @@ _LARGEST = 1e7
 """Seconds, metres or radians that a walk may hold at most: beyond, differences between keyframes drown in rounding."""
 _SHORTEST = 1e-6
 """Seconds between keyframes that a viewer moves between."""
-_STEEPEST = 0.5 * math.pi - 1e-9
-"""Radians of pitch: below a right angle, and still so when written as degrees and read again."""
 _MOST_FRAMES = 1_000_000
 _DECIMALS = 9
 """Of degrees in files: 90.0 reads better than 90.00000000000001."""
@@ -214,7 +212,7 @@ def _check(keyframe: Keyframe, before: Keyframe | None, number: int) -> None:
     for name, value in named:
         if not abs(value) <= _LARGEST:
             raise ParameterError(f"keyframe {number}: {name}: a number up to {_LARGEST:.0f} expected, found {value!r}")
-    if not abs(pose.pitch) <= _STEEPEST:
+    if not abs(round(math.degrees(pose.pitch), _DECIMALS)) < 90.0:  # and still so when written and read again
         raise ParameterError(
             f"keyframe {number}: pitch: less than 90 degrees up or down expected, found {math.degrees(pose.pitch):.12g}"
         )

@@ -39,7 +39,7 @@ class Whereabouts:
     _adjacent: tuple[tuple[int, ...], ...] = field(init=False, repr=False)
     """The neighbours of each cell, as indices."""
     _axes: NDArray[np.float64] = field(init=False, repr=False)
-    """(n, 6): p, unit vector from p to q, length, half width."""
+    """(6, n): x and y of p, of the unit vector from p to q, length, half width."""
 
     def __post_init__(self, neighbours: Mapping[str, Sequence[str]]) -> None:
         cells = tuple(self.cells)
@@ -50,7 +50,7 @@ class Whereabouts:
             raise ParameterError(f"cells of {len(cells)} different ids expected, found {len(places)}")
         p, q = np.array([cell.p for cell in cells]), np.array([cell.q for cell in cells])
         lengths = np.array([cell.length for cell in cells])
-        axes = np.column_stack([p, (q - p) / lengths[:, None], lengths, [cell.half_width for cell in cells]])
+        axes = np.vstack([p.T, (q - p).T / lengths, lengths, [cell.half_width for cell in cells]])
         axes.setflags(write=False)
         adjacent = tuple(
             tuple(places[name] for name in neighbours.get(cell.id, ()) if name in places) for cell in cells
@@ -62,8 +62,7 @@ class Whereabouts:
 
     def distances(self, eye: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) metres from (x, y) of ``eye`` (2,) or (3,) to each cell's rectangle, 0 inside."""
-        beyond, beside = self._offsets(eye)
-        return np.hypot(beyond, np.maximum(beside - self._axes[:, 5], 0.0))
+        return self._distances(*self._offsets(eye))
 
     def cell_at(self, eye: NDArray[np.float64], *, current: str | None) -> str:
         """The cell that a viewer at ``eye`` (3,) is in, who was in ``current`` before.
@@ -81,7 +80,7 @@ class Whereabouts:
         Raises ParameterError where ``current`` is none of the cells.
         """
         beyond, beside = self._offsets(eye)
-        distances = np.hypot(beyond, np.maximum(beside - self._axes[:, 5], 0.0))
+        distances = self._distances(beyond, beside)
         if current is not None and distances[self._place(current)] <= HYSTERESIS:
             return current
         inside = distances == 0.0
@@ -114,10 +113,15 @@ class Whereabouts:
 
     def _offsets(self, eye: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(n,) metres beyond the ends of each axis (0 between them), and (n,) beside the line through it, both >= 0."""
-        x, y = float(eye[0]) - self._axes[:, 0], float(eye[1]) - self._axes[:, 1]
-        along_x, along_y, length = self._axes[:, 2], self._axes[:, 3], self._axes[:, 4]
+        p_x, p_y, along_x, along_y, length, _ = self._axes
+        x, y = float(eye[0]) - p_x, float(eye[1]) - p_y
         along = x * along_x + y * along_y
         return np.maximum(np.maximum(-along, along - length), 0.0), np.abs(x * along_y - y * along_x)
+
+    def _distances(self, beyond: NDArray[np.float64], beside: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) metres to each rectangle from what :meth:`_offsets` says."""
+        found: NDArray[np.float64] = np.hypot(beyond, np.maximum(beside - self._axes[5], 0.0))
+        return found
 
     def _place(self, cell: str) -> int:
         if cell not in self._places:

@@ -83,7 +83,7 @@ def test_a_cell_without_layers_has_its_map(tmp_path):
     assert [path.name for path in written] == [f"{cell}-map.png", f"{cell}-graph.png", "histograms.png"]
 
 
-def test_one_layer_for_all_is_drawn_and_no_bound_claimed(built, tmp_path, monkeypatch):
+def test_one_layer_for_all_is_drawn_and_no_bound_claimed(tmp_path, monkeypatch):
     titles = []
 
     def noted(*, title, **figures):
@@ -94,9 +94,8 @@ def test_one_layer_for_all_is_drawn_and_no_bound_claimed(built, tmp_path, monkey
     build_dataset(crossroads(), tmp_path / "out", replace(PARAMETERS, layering="single"), max_cells=1)
     single = open_dataset(tmp_path / "out")
     assert len(inspect_dataset(single, tmp_path / "plots")) > 3
-    inspect_dataset(built, tmp_path / "plots")
-    assert "no bound on the error at 128 x 128" in titles[0]
-    assert "at most 10 px of error at 128 x 128" in titles[1]
+    (title,) = titles
+    assert title.endswith("no bound on the error at 128 x 128")
 
 
 def test_visibility_by_item_buffer_is_planned_again_too(tmp_path):
