@@ -166,28 +166,21 @@ def _print_table(report: dict[str, Any], out: Path) -> None:
     from rich.table import Table
 
     talk = Console(highlight=False)
-    table = Table(
-        title=f"{report['dataset']['name']}: {report['views']} views, {report['device']}", title_justify="left"
-    )
-    table.add_column("technique")
-    for heading in (
-        "holes %",
-        "wrong %",
-        "thickness px p50/p99/max",
-        "displacement px",
-        "FLIP",
-        "PSNR",
-        "SSIM",
-        "frame ms p50/p99",
-    ):
-        table.add_column(heading, justify="right")
+    if not talk.is_terminal:
+        talk = Console(highlight=False, width=120)
+    title = f"{report['dataset']['name']}: {report['views']} views at {report['display']['width']} x "
+    title += f"{report['display']['height']}, drawn by {report['device']}"
+    table = Table(title=title, title_justify="left", title_style="", box=None, pad_edge=False)
+    table.add_column("technique", no_wrap=True)
+    for heading in ("holes %", "wrong %", "thickness px", "displacement px", "FLIP", "PSNR", "SSIM", "frame ms"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for name, one in report["techniques"].items():
         thick, moved, frame = one["wrong_thickness_px"], one["displacement_px"], one["frame_ms"]
         table.add_row(
             name,
             f"{100.0 * one['hole_share']:.3f}",
             f"{100.0 * one['wrong_share']:.3f}",
-            f"{thick['p50']:.1f} / {thick['p99']:.1f} / {thick['max']:.1f}",
+            f"{thick['p50']:.0f} / {thick['p99']:.0f} / {thick['max']:.0f}",
             f"{moved['p50']:.1f} / {moved['p99']:.1f} / {moved['max']:.1f}",
             "-" if one["flip"] is None else f"{one['flip']['mean']:.4f}",
             "equal" if one["psnr_db"] is None else f"{one['psnr_db']:.1f}",
@@ -195,4 +188,5 @@ def _print_table(report: dict[str, Any], out: Path) -> None:
             f"{frame['p50']:.1f} / {frame['p99']:.1f}",
         )
     talk.print(table)
+    talk.print("thickness and displacement: p50 / p99 / max; frame: p50 / p99", style="dim")
     talk.print(f"{out / 'report.html'}", soft_wrap=True)

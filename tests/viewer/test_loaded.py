@@ -63,7 +63,7 @@ def test_a_step_is_uneven_where_the_mesh_bridges_it_and_only_there():
 
 def test_triangles_without_area_or_texels_are_even():
     mesh = GridMesh(
-        np.zeros((3, 3), np.float32) + [10.0, 0.0, 0.0], np.full((3, 2), 0.5, np.float32), np.array([[0, 1, 2]])
+        np.array([[10.0, 0.0, 0.0]] * 3, np.float32), np.full((3, 2), 0.5, np.float32), np.array([[0, 1, 2]])
     )
     assert divide_triangles(mesh, VIEW, np.full((32, 64), 20.0, np.float32))[1] == 1
 

@@ -33,7 +33,7 @@ class Painter:
     def evict(self, cell):
         self.there.pop(cell, None)
 
-    def draw(self, plan, view, *, read=True):
+    def draw(self, plan, view, *, read=True):  # noqa: ARG002
         for draw in plan.draws:
             if hasattr(draw, "names"):
                 assert set(draw.names) <= self.there.get(draw.cell, set()), "drawn before it was there"
