@@ -60,7 +60,7 @@ def main() -> None:
         f"{options.dataset}: {walk.metres:.0f} m through {len(set(visited))} cells, {len(visited)} frames, "
         f"{options.rounds} rounds, city of {len(scene.mesh.triangles)} triangles, near geometry {near * side**2:.0f}"
     )
-    found = rounds(scenes, walk, techniques, fps=options.fps, rounds=options.rounds)
+    found, _ = rounds(scenes, walk, techniques, fps=options.fps, rounds=options.rounds)
 
     times = {name: total_ms(runs) for name, runs in found.items()}
     middle = {name: float(np.median(some)) for name, some in times.items()}

@@ -18,6 +18,8 @@ PAPER = {
     "InfiniteReality": {"full": 3.3, "local": 118.4, "visible": 18.4, "single-mesh": 103.3, "multi-mesh": 85.0},
 }
 """Frame rates of the paper's table 1, Hz."""
+_TRIANGLE_BYTES = 3 * 4 + 2 * 28
+"""Three indices, and two vertices of 28 bytes: walls are quads of their own."""
 
 
 def detailed(mesh: CityMesh, side: int) -> CityMesh:
@@ -48,11 +50,15 @@ def detailed(mesh: CityMesh, side: int) -> CityMesh:
 
 def rounds(
     scenes: Mapping[str, Scene], walk: Walk, techniques: Sequence[str], *, fps: float, rounds: int, read: bool = False
-) -> dict[str, list[list[FrameTimes]]]:
-    """``rounds`` times the walk by each technique in turn, so that a noisy moment meets all; caches empty each time."""
+) -> tuple[dict[str, list[list[FrameTimes]]], dict[str, int]]:
+    """``rounds`` times the walk by each technique in turn, so that a noisy moment meets all; caches empty each time.
+
+    Also the bytes that each technique has to hold: the triangles of its largest frame, and its cells.
+    """
     main = scenes["multi-mesh"]
     camera = main.camera
     found: dict[str, list[list[FrameTimes]]] = {name: [] for name in techniques}
+    held: dict[str, int] = {}
     with Renderer(main.mesh, main.ground, size=(camera.width, camera.height)) as renderer:
         print(f"drawn by {renderer.device}", flush=True)
         for _ in range(rounds):
@@ -61,7 +67,9 @@ def rounds(
                     technique = make_technique(name, scenes)
                     steps = walk.frames(fps)
                     found[name].append(run_walk(steps, technique, renderer, cache, camera=camera, read=read))
-    return found
+                    largest = max(frame.triangles for frame in found[name][-1])
+                    held[name] = max(held.get(name, 0), largest * _TRIANGLE_BYTES + cache.report.largest_bytes)
+    return found, held
 
 
 def total_ms(runs: Sequence[Sequence[FrameTimes]]) -> np.ndarray:

@@ -48,6 +48,23 @@ def test_layers_are_listed_and_one_is_a_picture(built, capsys, tmp_path):
     assert colors[colors[..., 3] == 255].std() > 10.0
 
 
+def test_a_dataset_is_compared_with_its_geometry(built, capsys, tmp_path):
+    report = load("compare_with_geometry").main(built[0], tmp_path / "comparison", views=3)
+    assert report["techniques"]["visible"]["wrong_share"] == 0.0
+    assert report["techniques"]["multi-mesh"]["wrong_share"] < 0.01
+    assert (tmp_path / "comparison" / "report.html").exists()
+    assert "multi-mesh  wrong 0.0" in capsys.readouterr().out
+
+
+def test_a_walk_of_ones_own_is_drawn(built, capsys, tmp_path):
+    times = load("a_walk_of_ones_own").main(built[0], tmp_path / "walk.png")
+    assert len(times) > 10
+    assert "frames of" in capsys.readouterr().out
+    with Image.open(tmp_path / "walk.png") as picture:
+        assert picture.size == (2 * 1280, 720)
+        assert np.asarray(picture).std() > 20.0
+
+
 def test_own_buildings_are_near_in_layers_or_hidden(capsys):
     plan = load("own_buildings").main()
     out = capsys.readouterr().out

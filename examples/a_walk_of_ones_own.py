@@ -1,0 +1,50 @@
+"""A technique, a walk and a frame loop put together by hand: what a program that embeds the viewer does.
+
+python examples/a_walk_of_ones_own.py out/helsinki out/walk.png
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from mmi.dataset import open_dataset
+from viewer.gl import Renderer
+from viewer.loop import run_walk
+from viewer.scene import open_scene
+from viewer.techniques import cell_cache, make_technique
+from viewer.walk import Keyframe, Pose, Walk
+
+
+def main(folder: Path, picture: Path) -> list:
+    scene = open_scene(open_dataset(folder), name="multi-mesh")
+    scenes, camera = {"multi-mesh": scene}, scene.camera
+    cell = scene.whereabouts.cells[0]
+    azimuth = float(np.arctan2(cell.q[1] - cell.p[1], cell.q[0] - cell.p[0]))
+    start, end = (Pose((*point, sum(cell.eye) / 2), azimuth, 0.0) for point in (cell.p, cell.q))
+    walk = Walk("along the first cell", (Keyframe(0.0, start), Keyframe(cell.length / 1.5, end)))
+    frames = []
+    with (
+        Renderer(scene.mesh, scene.ground, size=(camera.width, camera.height), samples=4) as renderer,
+        cell_cache(scenes, renderer) as cache,
+    ):
+        technique = make_technique("multi-mesh", scenes)
+        steps = walk.frames(10.0)
+        times = run_walk(
+            steps,
+            technique,
+            renderer,
+            cache,
+            camera=camera,
+            read=True,
+            shown=lambda *seen: frames.append(seen[-1].color),
+        )
+    Image.fromarray(np.hstack([frames[0], frames[-1]])).save(picture)
+    milliseconds = 1e3 * float(np.median([one.total for one in times]))
+    print(f"{walk.metres:.0f} m in {len(times)} frames of {milliseconds:.1f} ms, first and last in {picture}")
+    return times
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))
