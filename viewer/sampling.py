@@ -18,12 +18,14 @@ def random_views(cells: Sequence[ViewingCell], n: int, *, seed: int) -> list[tup
     """``n`` views (cell, pose), sorted by cell: any cell, anywhere in its rectangle and eye band, level, any heading.
 
     The same cells and seed give the same views, and none is taken from a reference viewpoint, where layers were captured.
-    Raises ParameterError for no cells, or a number of views below 1.
+    Raises ParameterError for no cells, a number of views below 1, or a negative seed.
     """
     if not cells:
         raise ParameterError("cells to take views from expected, found none")
     if n < 1:
         raise ParameterError(f"a number of views of at least 1 expected, found {n}")
+    if seed < 0:
+        raise ParameterError(f"a seed of 0 or more expected, found {seed}")
     rng = np.random.default_rng(seed)
     views = []
     for place in np.sort(rng.integers(0, len(cells), n)):

@@ -84,13 +84,13 @@ def test_keyframes_on_a_line_keep_the_viewer_on_it(gaps, direction):
 
 
 @settings(max_examples=40)
-@given(walks(), st.floats(0.0, 1.0))
+@given(walks(), st.floats(0.0, 0.999))
 def test_no_coordinate_leaves_the_range_of_the_keyframes_around(found, share):
     for a, b in itertools.pairwise(found.keyframes):
+        if a.time == b.time:  # a cut: a is not seen
+            continue
         pose = found.pose(a.time + share * (b.time - a.time))
         bounds = [a.pose] if b.cut else [a.pose, b.pose]
-        if b.cut and a.time + share * (b.time - a.time) >= b.time:
-            continue
         pitches = [one.pitch for one in bounds]
         assert min(pitches) - 1e-9 <= pose.pitch <= max(pitches) + 1e-9
         for value, *around in zip(pose.eye, *(one.eye for one in bounds), strict=True):
