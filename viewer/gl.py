@@ -63,8 +63,8 @@ class _LayerBuffers:
     """A layer on the GPU. ``arrays``: by kind of program and whether frames are measured."""
 
     view: View
-    even: int
-    uneven: int
+    plain: int
+    captured: int
     arrays: Mapping[tuple[str, bool], Any]
     picture: Any
     depths: Any
@@ -271,7 +271,7 @@ class Renderer:
         if self._samples and not measured:
             self._context.enable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
         counts = []
-        for kind, first, count in (("layer", 0, layer.even), ("captured", layer.even, layer.uneven)):
+        for kind, first, count in (("layer", 0, layer.plain), ("captured", layer.plain, layer.captured)):
             if count:
                 program = self._programs[kind, measured]
                 for name, value in values.items():
@@ -389,8 +389,8 @@ class Renderer:
                 raise ValueError(f"layer {layer.name}: object ids expected for measuring, found none")
             ids = self._data_texture(layer.object_ids, "i4")
         owned = (*arrays.values(), positions, indices, picture, depths, *(() if ids is None else (ids,)))
-        uneven = len(layer.triangles) - layer.even
-        return _LayerBuffers(layer.view, layer.even, uneven, arrays, picture, depths, ids, owned)
+        captured = len(layer.triangles) - layer.plain
+        return _LayerBuffers(layer.view, layer.plain, captured, arrays, picture, depths, ids, owned)
 
 
 def _set(program: Any, name: str, value: bytes) -> None:  # noqa: ANN401
