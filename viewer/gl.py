@@ -26,7 +26,7 @@ from viewer.backdrop import backdrop
 from viewer.frame import Frame
 from viewer.loaded import LoadedCell, LoadedLayer
 from viewer.shaders import KINDS, program_source
-from viewer.technique import CellKey, Draw, Ground, Objects, Plan, Sky
+from viewer.technique import CellKey, CellLayers, Draw, Ground, Objects, Plan, Sky
 
 __all__ = ["Renderer"]
 
@@ -34,6 +34,20 @@ _NEAR, _FAR = 0.1, 20_000.0
 _MOST_SETS = 64
 """Sets of objects kept as index buffers; a walk meets a new one in every cell."""
 _SAMPLE_ALPHA_TO_COVERAGE = 0x809E
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Program:
+    """A program and those of its uniforms that the compiler has kept."""
+
+    program: Any
+    uniforms: Mapping[str, Any]
+
+    def set(self, values: Mapping[str, bytes]) -> None:
+        """Set uniforms; what the program does not use is passed over."""
+        for name, value in values.items():
+            if name in self.uniforms:
+                self.uniforms[name].write(value)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +76,8 @@ class _Triangles:
 class _LayerBuffers:
     """A layer on the GPU. ``arrays``: by kind of program and whether frames are measured."""
 
-    view: View
+    eye: NDArray[np.float64]
+    uniforms: Mapping[str, bytes]
     plain: int
     captured: int
     arrays: Mapping[tuple[str, bool], Any]
@@ -114,7 +129,7 @@ class Renderer:
         self._sets: dict[object, _Triangles] = {}
         self._layers: dict[CellKey, dict[str, _LayerBuffers]] = {}
         self._screen = {
-            (kind, mode): self._context.vertex_array(self._programs[kind, mode], [])
+            (kind, mode): self._context.vertex_array(self._programs[kind, mode].program, [])
             for kind in ("sky", "fade")
             for mode in self._modes
         }
@@ -194,7 +209,7 @@ class Renderer:
         self._context.enable(moderngl.BLEND)
         self._context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
         self._before.use(0)
-        self._programs["fade", measured]["share"].value = 1.0 - plan.mix
+        self._programs["fade", measured].set({"share": np.float32(1.0 - plan.mix).tobytes()})
         self._screen["fade", measured].render(moderngl.TRIANGLES, vertices=3)
         self._context.disable(moderngl.BLEND)
         return before[0] + now[0] + 1, before[1] + now[1] + 1
@@ -216,11 +231,7 @@ class Renderer:
             elif isinstance(draw, Objects):
                 counts = self._draw_set(self._city, self._kept(draw.key, self._city, draw.objects), measured)
             else:
-                counts = [
-                    count
-                    for name in draw.names
-                    for count in self._draw_layer(self._layers[draw.cell][name], view, measured)
-                ]
+                counts = self._draw_layers(draw, view.eye, measured)
             triangles, calls = triangles + sum(counts), calls + len(counts)
         return triangles, calls
 
@@ -238,8 +249,7 @@ class Renderer:
         }
         for (_, mode), program in self._programs.items():
             if mode == measured:
-                for name, value in values.items():
-                    _set(program, name, value)
+                program.set(values)
 
     def _draw_set(self, mesh: _Mesh, some: _Triangles, measured: bool) -> list[int]:
         if not some.count:
@@ -255,31 +265,30 @@ class Renderer:
             *self._draw_set(self._backdrop, self._beyond, measured),
         ]
 
-    def _draw_layer(self, layer: _LayerBuffers, view: View, measured: bool) -> list[int]:
-        left, top, width, height = layer.view.window
-        values = {
-            "capture_from_world": np.ascontiguousarray(layer.view.eye_from_world[:3, :3].T, dtype="f4").tobytes(),
-            "captured_from": layer.view.eye.astype("f4").tobytes(),
-            "window": np.array([layer.view.focal, -left, -top, 0.0], dtype="f4").tobytes(),
-            "size": np.array([width, height], dtype="f4").tobytes(),
-            "viewer": (view.eye - layer.view.eye).astype("f4").tobytes(),
-        }
+    def _draw_layers(self, draw: CellLayers, eye: NDArray[np.float64], measured: bool) -> list[int]:
+        smooth = self._samples and not measured
+        if smooth:
+            self._context.enable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
+        layers = [self._layers[draw.cell][name] for name in draw.names]
+        counts = [count for layer in layers for count in self._draw_layer(layer, eye, measured)]
+        if smooth:
+            self._context.disable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
+        return counts
+
+    def _draw_layer(self, layer: _LayerBuffers, eye: NDArray[np.float64], measured: bool) -> list[int]:
+        viewer = (eye - layer.eye).astype("f4").tobytes()
         layer.picture.use(0)
         layer.depths.use(1)
         if measured:
             layer.ids.use(2)
-        if self._samples and not measured:
-            self._context.enable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
         counts = []
         for kind, first, count in (("layer", 0, layer.plain), ("captured", layer.plain, layer.captured)):
             if count:
                 program = self._programs[kind, measured]
-                for name, value in values.items():
-                    _set(program, name, value)
+                program.set(layer.uniforms)
+                program.set({"viewer": viewer})
                 layer.arrays[kind, measured].render(first=3 * first, vertices=3 * count)
                 counts.append(count)
-        if self._samples and not measured:
-            self._context.disable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
         return counts
 
     def _color(self, measured: bool) -> NDArray[np.uint8]:
@@ -295,16 +304,17 @@ class Renderer:
 
     # --------------------------------------------------------------------------------------------------- buffers
 
-    def _program(self, kind: str, measured: bool) -> Any:  # noqa: ANN401
+    def _program(self, kind: str, measured: bool) -> _Program:
         flags = ["MEASURED"] if measured and kind != "fade" else []
         if self._samples and not measured:
             flags.append("COVERAGE")
         vertex, fragment = program_source(kind, flags=flags)
         program = self._context.program(vertex_shader=vertex, fragment_shader=fragment)
+        members = {name: program[name] for name in program if isinstance(program[name], moderngl.Uniform)}
         for unit, name in enumerate(("picture", "depths", "ids")):
-            if name in program:
-                program[name].value = unit
-        return program
+            if name in members:
+                members[name].value = unit
+        return _Program(program, members)
 
     def _framebuffer(self, measured: bool) -> Any:  # noqa: ANN401
         context, size = self._context, self.size
@@ -342,7 +352,7 @@ class Renderer:
             layout = ["3f 2f 3f1 x1 1i" if mode else "3f 2f 3f1 x1 x4", "position", "uv", "color"]
             if mode:
                 layout.append("object")
-            program = self._programs["geometry", mode]
+            program = self._programs["geometry", mode].program
             arrays[mode] = self._context.vertex_array(program, [(mesh.vertices, *layout)], indices)
         return _Triangles(len(triangles), arrays, indices)
 
@@ -361,7 +371,9 @@ class Renderer:
             pixels.shape[1::-1], pixels.shape[2], np.ascontiguousarray(pixels).tobytes(), alignment=1
         )
         texture.build_mipmaps()
-        texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        # Texels of layers are about as large as pixels: they need no more than the nearest of two mipmaps.
+        smaller = moderngl.LINEAR_MIPMAP_LINEAR if repeat else moderngl.LINEAR_MIPMAP_NEAREST
+        texture.filter = (smaller, moderngl.LINEAR)
         texture.repeat_x = texture.repeat_y = repeat
         return texture
 
@@ -377,7 +389,9 @@ class Renderer:
         positions = context.buffer(np.ascontiguousarray(layer.vertices, dtype="<f4").tobytes())
         indices = context.buffer(np.ascontiguousarray(layer.triangles, dtype="<i4").tobytes())
         arrays = {
-            (kind, mode): context.vertex_array(self._programs[kind, mode], [(positions, "3f", "position")], indices)
+            (kind, mode): context.vertex_array(
+                self._programs[kind, mode].program, [(positions, "3f", "position")], indices
+            )
             for kind in ("layer", "captured")
             for mode in self._modes
         }
@@ -390,10 +404,11 @@ class Renderer:
             ids = self._data_texture(layer.object_ids, "i4")
         owned = (*arrays.values(), positions, indices, picture, depths, *(() if ids is None else (ids,)))
         captured = len(layer.triangles) - layer.plain
-        return _LayerBuffers(layer.view, layer.plain, captured, arrays, picture, depths, ids, owned)
-
-
-def _set(program: Any, name: str, value: bytes) -> None:  # noqa: ANN401
-    """Set a uniform, unless the compiler has found that the program does not need it."""
-    if name in program:
-        program[name].write(value)
+        left, top, width, height = layer.view.window
+        uniforms = {
+            "capture_from_world": np.ascontiguousarray(layer.view.eye_from_world[:3, :3].T, dtype="f4").tobytes(),
+            "captured_from": layer.view.eye.astype("f4").tobytes(),
+            "window": np.array([layer.view.focal, -left, -top, 0.0], dtype="f4").tobytes(),
+            "size": np.array([width, height], dtype="f4").tobytes(),
+        }
+        return _LayerBuffers(layer.view.eye, uniforms, layer.plain, captured, arrays, picture, depths, ids, owned)
