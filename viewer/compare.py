@@ -183,7 +183,13 @@ def compare_walk(
             device = renderer.device
             technique = make_technique(name, scenes, fade=options.fade)
             runs[name] = run_walk(
-                steps, technique, renderer, cache, camera=main.camera, budget=1.0 / options.frames_per_second
+                steps,
+                technique,
+                renderer,
+                cache,
+                camera=main.camera,
+                budget=1.0 / options.frames_per_second,
+                paced=name in LAYERED,
             )
             loads[name] = cache.report
     tell("walks", len(options.techniques), len(options.techniques))

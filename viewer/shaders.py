@@ -54,21 +54,29 @@ void main() {
 _LAYER_VERTEX = """
 in vec3 position;
 uniform vec3 captured_from;
-out vec3 world;  // relative to the capture's eye
+uniform mat3 capture_from_world;
+uniform vec4 window;   // focal, -left, -top of the capture's window in pixels, and nothing
+uniform vec2 size;     // of the window
+out vec3 at;           // texture coordinates times depth in the capture, and that: linear in space, so projective
+#if defined(MEASURED) || defined(CAPTURED_DEPTH)
+out vec3 world;        // relative to the capture's eye
 out float depth;
+#endif
 void main() {
-    vec3 p = eye_from_world * (position - eye);
+    vec3 p = eye_from_world * (position - eye), q = capture_from_world * (position - captured_from);
+    at = vec3((vec2(window.x * q.x, -window.x * q.y) - q.z * window.yz) / size, -q.z);
+#if defined(MEASURED) || defined(CAPTURED_DEPTH)
     world = position - captured_from; depth = -p.z;
+#endif
     gl_Position = project(p);
 }
 """
 _LAYER_FRAGMENT = """
 uniform sampler2D picture;
-uniform mat3 capture_from_world;
-uniform vec4 window;   // focal, -left, -top of the capture's window in pixels, and nothing
-uniform vec2 size;     // of the window
-in vec3 world; in float depth;
+in vec3 at;
 #if defined(MEASURED) || defined(CAPTURED_DEPTH)
+in vec3 world; in float depth;
+uniform vec2 size;
 uniform sampler2D depths;
 uniform vec3 viewer;   // relative to the capture's eye
 #endif
@@ -76,9 +84,8 @@ uniform vec3 viewer;   // relative to the capture's eye
 uniform isampler2D ids;
 #endif
 void main() {
-    vec3 p = capture_from_world * world;
-    vec2 texel = vec2(window.x * p.x, -window.x * p.y) / -p.z + window.yz;
-    vec4 color = texture(picture, texel / size);
+    vec2 uv = at.xy / at.z;
+    vec4 color = texture(picture, uv);
 #ifdef COVERAGE
     color.a = clamp((color.a - 0.5) / max(fwidth(color.a), 1e-4) + 0.5, 0.0, 1.0);
     if (color.a <= 0.0) discard;
@@ -88,10 +95,10 @@ void main() {
     color_out = vec4(color.rgb, 1.0);
 #endif
 #if defined(MEASURED) || defined(CAPTURED_DEPTH)
-    ivec2 nearest = clamp(ivec2(floor(texel)), ivec2(0), ivec2(size) - 1);
+    ivec2 nearest = clamp(ivec2(floor(uv * size)), ivec2(0), ivec2(size) - 1);
     float captured_depth = texelFetch(depths, nearest, 0).r;
-    if (isinf(captured_depth)) captured_depth = -p.z;
-    vec3 captured = world * (captured_depth / max(-p.z, 1e-6));
+    if (isinf(captured_depth)) captured_depth = at.z;
+    vec3 captured = world * (captured_depth / max(at.z, 1e-6));
     float shown_depth = depth;
 #endif
 #ifdef CAPTURED_DEPTH
