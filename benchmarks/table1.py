@@ -33,7 +33,7 @@ def main() -> None:
     parser.add_argument("dataset", type=Path, metavar="OUT")
     parser.add_argument("--tour", type=float, default=300.0, metavar="METRES")
     parser.add_argument("--speed", type=float, default=5.0, metavar="M/S")
-    parser.add_argument("--fps", type=float, default=10.0)
+    parser.add_argument("--fps", type=float, default=30.0)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--near", type=int, metavar="TRIANGLES")
     parser.add_argument("--seed", type=int, default=1)

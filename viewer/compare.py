@@ -189,7 +189,6 @@ def compare_walk(
                 cache,
                 camera=main.camera,
                 budget=1.0 / options.frames_per_second,
-                paced=name in LAYERED,
             )
             loads[name] = cache.report
     tell("walks", len(options.techniques), len(options.techniques))

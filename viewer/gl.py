@@ -370,10 +370,11 @@ class Renderer:
         texture = self._context.texture(
             pixels.shape[1::-1], pixels.shape[2], np.ascontiguousarray(pixels).tobytes(), alignment=1
         )
-        texture.build_mipmaps()
-        # Texels of layers are about as large as pixels: they need no more than the nearest of two mipmaps.
-        smaller = moderngl.LINEAR_MIPMAP_LINEAR if repeat else moderngl.LINEAR_MIPMAP_NEAREST
-        texture.filter = (smaller, moderngl.LINEAR)
+        if repeat:
+            texture.build_mipmaps()
+            texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        else:  # texels of layers are about as large as pixels, and making mipmaps would be felt in the frame
+            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
         texture.repeat_x = texture.repeat_y = repeat
         return texture
 

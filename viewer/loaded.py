@@ -44,9 +44,9 @@ class LoadedLayer:
 
     @property
     def bytes(self) -> int:
-        """What it takes in memory, here and on the GPU alike (with mipmaps)."""
+        """What it takes in memory, here and on the GPU alike."""
         ids = 0 if self.object_ids is None else self.object_ids.nbytes
-        return self.pixels.nbytes * 4 // 3 + self.depth.nbytes + ids + self.vertices.nbytes + self.triangles.nbytes
+        return self.pixels.nbytes + self.depth.nbytes + ids + self.vertices.nbytes + self.triangles.nbytes
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -67,30 +67,24 @@ def run_walk(
     *,
     camera: Camera,
     budget: float = 1.0 / 30.0,
-    paced: bool = False,
     read: bool = False,
     shown: Callable[[Step, View, Plan, Frame], None] | None = None,
 ) -> list[FrameTimes]:
     """Draw every step of a walk with a technique; what each frame took.
 
-    ``budget`` is the time that a frame should take, in seconds. A ``paced`` walk takes the time that it says, so that loading
-    has the time that a viewer gives it; else each frame follows the last at once. ``shown`` gets each frame after it was
-    timed, with its colours if ``read``. Raises DatasetError where a cell's files are missing or damaged.
+    ``budget`` is the time that a frame should take, in seconds. Each frame follows the last at once. ``shown`` gets each frame
+    after it was timed, with its colours if ``read``. Raises DatasetError where a cell's files are missing or damaged.
     """
     times: list[FrameTimes] = []
     last, place = 0.0, ""
     with _quick_switches():
-        begin = time.perf_counter()
         for step in steps:
-            if paced:
-                time.sleep(max(0.0, begin + step.time - time.perf_counter()))
             view = step.pose.view(camera)
             start = time.perf_counter()
             plan = technique.plan(view, now=step.time, budget=Budget(budget, last))
             cache.want(plan.cells, plan.ahead)
             planned = time.perf_counter() - start
             loading = cache.require(plan.cells, counted=False) if step.cut else 0.0
-            begin += loading
             waiting = cache.require(plan.cells)
             uploading = cache.spend(_UPLOADING * last)
             frame = painter.draw(plan, view, read=read)

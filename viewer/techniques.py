@@ -26,7 +26,7 @@ __all__ = ["LAYERED", "TECHNIQUES", "cell_cache", "make_technique", "single_mesh
 LAYERED = ("single-mesh", "multi-mesh")
 TECHNIQUES = ("full", "visible", "local", *LAYERED)
 
-_TEXEL_BYTES = 4 * 4 / 3 + 4  # colour with mipmaps, depth
+_TEXEL_BYTES = 4 + 4  # colour with coverage, depth
 _ID_BYTES = 4
 _TRIANGLE_BYTES = 20  # three indices, and about two thirds of a vertex
 
@@ -83,4 +83,4 @@ def _foretold(dataset: Dataset, cell: str, measured: bool) -> int:
     """About the bytes of a cell in memory, from its manifest entry."""
     entry = dataset.cell(cell)
     texel = _TEXEL_BYTES + (_ID_BYTES if measured else 0)
-    return int(texel * entry["texels"] + _TRIANGLE_BYTES * entry["triangles"])
+    return texel * entry["texels"] + _TRIANGLE_BYTES * entry["triangles"]

@@ -10,7 +10,7 @@ from viewer.loaded import LoadedCell, LoadedLayer
 from viewer.streaming import CellCache
 from viewer.technique import CellKey
 
-SIZE = 4 * 4 * 4 * 4 // 3 + 4 * 4 * 4  # a picture of 4 x 4 texels with mipmaps, and its depths
+SIZE = 4 * 4 * 4 + 4 * 4 * 4  # a picture of 4 x 4 texels, and its depths
 LAYERS = 3
 
 
