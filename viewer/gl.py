@@ -8,8 +8,10 @@ its depth, and by what angle an impostor's surface is displaced from the one tha
 
 from __future__ import annotations
 
+import ctypes
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
@@ -117,6 +119,7 @@ class Renderer:
 
     def _prepare(self, mesh: CityMesh, ground: CityMesh, size: tuple[int, int], measured: bool, samples: int) -> None:
         self.size, self.measured, self._samples = size, measured, samples
+        self._finish = _finish_without_lock() or self._context.finish
         self._modes = (False, True) if measured else (False,)
         self._programs = {(kind, mode): self._program(kind, mode) for kind in KINDS for mode in self._modes}
         self._city = self._upload_mesh(
@@ -185,7 +188,7 @@ class Renderer:
             query = self._context.query(time=True)
             with query:
                 triangles, draws = self._draw(plan, view, measured)
-            self._context.finish()
+            self._finish()
             seconds = time.perf_counter() - start
             sent = (seconds, query.elapsed * 1e-9, triangles, draws)
             color = self._color(measured) if read else np.empty((0, 0, 3), dtype=np.uint8)
@@ -413,3 +416,17 @@ class Renderer:
             "size": np.array([width, height], dtype="f4").tobytes(),
         }
         return _LayerBuffers(layer.view.eye, uniforms, layer.plain, captured, arrays, picture, depths, ids, owned)
+
+
+def _finish_without_lock() -> Callable[[], object] | None:
+    """glFinish as ctypes calls it, which lets Python's other threads run meanwhile; moderngl does not. None where it is not
+    found.
+
+    Most of a frame is spent waiting there, which is the time that cells are loaded in (``viewer.streaming``).
+    """
+    for name in ("libOpenGL.so.0", "libGL.so.1"):
+        with suppress(OSError, AttributeError):
+            finish = ctypes.CDLL(name).glFinish
+            finish.restype, finish.argtypes = None, ()
+            return finish
+    return None

@@ -41,8 +41,8 @@ class FrameTimes:
     """One frame of a walk: seconds ``total``, of which ``drawing``, ``uploading`` cells ahead and ``waiting`` for cells.
 
     ``gpu`` is what the GPU says of the drawing. ``entered``: the viewer is in another cell than in the last frame.
-    ``loading`` is what a walk waits for before its first frame and where it is cut, as behind a loading screen; no part of
-    ``total``.
+    ``loading`` is what a walk waits for before its first frame and where it is cut, as behind a loading screen: its cell and
+    the one that it will most likely come to next; no part of ``total``.
     """
 
     time: float
@@ -84,7 +84,7 @@ def run_walk(
             plan = technique.plan(view, now=step.time, budget=Budget(budget, last))
             cache.want(plan.cells, plan.ahead)
             planned = time.perf_counter() - start
-            loading = cache.require(plan.cells, counted=False) if step.cut else 0.0
+            loading = cache.require((*plan.cells, *plan.ahead[:1]), counted=False) if step.cut else 0.0
             waiting = cache.require(plan.cells)
             uploading = cache.spend(_UPLOADING * last)
             frame = painter.draw(plan, view, read=read)

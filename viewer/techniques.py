@@ -83,4 +83,5 @@ def _foretold(dataset: Dataset, cell: str, measured: bool) -> int:
     """About the bytes of a cell in memory, from its manifest entry."""
     entry = dataset.cell(cell)
     texel = _TEXEL_BYTES + (_ID_BYTES if measured else 0)
-    return texel * entry["texels"] + _TRIANGLE_BYTES * entry["triangles"]
+    texels, triangles = int(entry["texels"]), int(entry["triangles"])
+    return texel * texels + _TRIANGLE_BYTES * triangles
