@@ -1,9 +1,9 @@
 """Draws plans, with moderngl: the only module of the viewer that touches OpenGL (DESIGN section 5).
 
-Headless through EGL, in software (Mesa) or on a GPU. The city's geometry is one vertex buffer; a set of objects is an
-index buffer, one draw. An impostor layer is one draw, or two where part of its mesh needs captured depths
-(``viewer.loaded``), its texture projected from where it was captured. A measured frame also yields, per pixel, the object,
-its depth, and by what angle an impostor's surface is displaced from the one that was captured (DESIGN section 6).
+Headless through EGL, in software (Mesa) or on a GPU. The city's geometry is one vertex buffer; a set of objects is an index
+buffer, one draw. All layers of a cell that a view may show are two draws: triangles as they are, and those that need captured
+depths (``viewer.ordering``), their texture projected from where it was captured. A measured frame also yields, per pixel, the
+object, its depth, and by what angle an impostor's surface is displaced from the one that was captured (DESIGN section 6).
 """
 
 from __future__ import annotations
@@ -35,6 +35,9 @@ __all__ = ["Renderer"]
 _NEAR, _FAR = 0.1, 20_000.0
 _MOST_SETS = 64
 """Sets of objects kept as index buffers; a walk meets a new one in every cell."""
+_MOST_VIEWS = 16
+"""Sets of layers of a cell kept as index buffers; a viewer who turns around meets a new one every few degrees."""
+_LAYER_VERTEX_BYTES = 24
 _SAMPLE_ALPHA_TO_COVERAGE = 0x809E
 
 
@@ -75,21 +78,24 @@ class _Triangles:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _LayerBuffers:
-    """A layer on the GPU. ``arrays``: by kind of program and whether frames are measured."""
+class _CellBuffers:
+    """A cell's layers on the GPU: their atlas and vertices; of each layer that is there its triangles, as indices into all.
+
+    ``sets`` are the triangles of layers that were drawn together: plain ones, and those that need captured depths.
+    """
 
     eye: NDArray[np.float64]
-    uniforms: Mapping[str, bytes]
-    plain: int
-    captured: int
-    arrays: Mapping[tuple[str, bool], Any]
-    picture: Any
-    depths: Any
-    ids: Any
-    owned: tuple[Any, ...]
+    textures: tuple[Any, ...]
+    vertices: Any
+    first_vertex: Mapping[str, int]
+    triangles: dict[str, tuple[NDArray[np.int32], NDArray[np.int32]]]
+    sets: dict[tuple[str, ...], tuple[_Triangles, _Triangles]]
 
     def release(self) -> None:
-        for thing in self.owned:
+        for pair in self.sets.values():
+            for some in pair:
+                some.release()
+        for thing in (*self.textures, self.vertices):
             thing.release()
 
 
@@ -130,7 +136,7 @@ class Renderer:
         self._backdrop = self._upload_mesh(plain, np.full(len(plain.positions), -2))
         self._beyond = self._triangles(self._backdrop, plain.triangles)
         self._sets: dict[object, _Triangles] = {}
-        self._layers: dict[CellKey, dict[str, _LayerBuffers]] = {}
+        self._cells: dict[CellKey, _CellBuffers] = {}
         self._screen = {
             (kind, mode): self._context.vertex_array(self._programs[kind, mode].program, [])
             for kind in ("sky", "fade")
@@ -158,20 +164,22 @@ class Renderer:
     def upload(self, cell: LoadedCell) -> None:
         """Bring all layers of a cell to the GPU."""
         for layer in cell.layers:
-            self.upload_layer(cell.key, layer)
+            self.upload_layer(cell, layer)
 
-    def upload_layer(self, cell: CellKey, layer: LoadedLayer) -> None:
-        """Bring one layer to the GPU; draws refer to it by its cell's key and its name."""
-        layers = self._layers.setdefault(cell, {})
-        if layer.name not in layers:
-            with self._context:
-                layers[layer.name] = self._upload_layer(layer)
+    def upload_layer(self, cell: LoadedCell, layer: LoadedLayer) -> None:
+        """Bring one of a cell's layers to the GPU; draws refer to it by the cell's key and its name."""
+        with self._context:
+            buffers = self._cells.get(cell.key)
+            if buffers is None:
+                buffers = self._cells[cell.key] = self._cell_buffers(cell)
+            if layer.name not in buffers.triangles:
+                self._fill(buffers, layer)
 
     def evict(self, cell: CellKey) -> None:
         """Free a cell's layers; nothing where they are not there."""
         with self._context:
-            for layer in self._layers.pop(cell, {}).values():
-                layer.release()
+            if cell in self._cells:
+                self._cells.pop(cell).release()
 
     # --------------------------------------------------------------------------------------------------- drawing
 
@@ -269,30 +277,43 @@ class Renderer:
         ]
 
     def _draw_layers(self, draw: CellLayers, eye: NDArray[np.float64], measured: bool) -> list[int]:
+        cell = self._cells[draw.cell]
+        if draw.names not in cell.sets:
+            if len(cell.sets) >= _MOST_VIEWS:
+                for some in cell.sets.pop(next(iter(cell.sets))):
+                    some.release()
+            cell.sets[draw.names] = self._layer_set(cell, draw.names)
+        for unit, texture in enumerate(cell.textures):
+            texture.use(unit)
         smooth = self._samples and not measured
         if smooth:
             self._context.enable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
-        layers = [self._layers[draw.cell][name] for name in draw.names]
-        counts = [count for layer in layers for count in self._draw_layer(layer, eye, measured)]
+        values = {"captured_from": cell.eye.astype("f4").tobytes(), "viewer": (eye - cell.eye).astype("f4").tobytes()}
+        counts = []
+        for kind, some in zip(("layer", "captured"), cell.sets[draw.names], strict=True):
+            if some.count:
+                self._programs[kind, measured].set(values)
+                some.arrays[measured].render()
+                counts.append(some.count)
         if smooth:
             self._context.disable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
         return counts
 
-    def _draw_layer(self, layer: _LayerBuffers, eye: NDArray[np.float64], measured: bool) -> list[int]:
-        viewer = (eye - layer.eye).astype("f4").tobytes()
-        layer.picture.use(0)
-        layer.depths.use(1)
-        if measured:
-            layer.ids.use(2)
-        counts = []
-        for kind, first, count in (("layer", 0, layer.plain), ("captured", layer.plain, layer.captured)):
-            if count:
-                program = self._programs[kind, measured]
-                program.set(layer.uniforms)
-                program.set({"viewer": viewer})
-                layer.arrays[kind, measured].render(first=3 * first, vertices=3 * count)
-                counts.append(count)
-        return counts
+    def _layer_set(self, cell: _CellBuffers, names: tuple[str, ...]) -> tuple[_Triangles, _Triangles]:
+        """Triangles of some layers of a cell, in this order. Raises KeyError where one is not there."""
+        parts = [cell.triangles[name] for name in names]
+        layout = [(cell.vertices, "3f 3f", "position", "texture_from_capture")]
+        sets = []
+        for k, kind in enumerate(("layer", "captured")):
+            triangles = np.concatenate([np.empty((0, 3), dtype=np.int32), *(part[k] for part in parts)])
+            indices = self._context.buffer(np.ascontiguousarray(triangles, dtype="<i4").tobytes() or b"none")
+            arrays = {
+                mode: self._context.vertex_array(self._programs[kind, mode].program, layout, indices)
+                for mode in self._modes
+                if len(triangles)
+            }
+            sets.append(_Triangles(len(triangles), arrays, indices))
+        return sets[0], sets[1]
 
     def _color(self, measured: bool) -> NDArray[np.uint8]:
         target = self._targets[measured]
@@ -344,7 +365,7 @@ class Renderer:
         vertices = np.zeros(len(mesh.positions), dtype=layout)
         vertices["position"], vertices["uv"] = mesh.positions, mesh.uv
         vertices["color"][:, :3], vertices["object"] = mesh.colors, objects
-        return _Mesh(mesh, self._context.buffer(vertices.tobytes()), self._texture(mesh.texture, repeat=True))
+        return _Mesh(mesh, self._context.buffer(vertices.tobytes()), self._texture(mesh.texture))
 
     def _triangles(self, mesh: _Mesh, triangles: NDArray[np.int32]) -> _Triangles:
         if not len(triangles):
@@ -369,53 +390,47 @@ class Renderer:
         self._sets[key] = found
         return found
 
-    def _texture(self, pixels: NDArray[np.uint8], *, repeat: bool) -> Any:  # noqa: ANN401
+    def _texture(self, pixels: NDArray[np.uint8]) -> Any:  # noqa: ANN401
         texture = self._context.texture(
             pixels.shape[1::-1], pixels.shape[2], np.ascontiguousarray(pixels).tobytes(), alignment=1
         )
-        if repeat:
-            texture.build_mipmaps()
-            texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-        else:  # texels of layers are about as large as pixels, and making mipmaps would be felt in the frame
-            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        texture.repeat_x = texture.repeat_y = repeat
+        texture.build_mipmaps()
+        texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        texture.repeat_x = texture.repeat_y = True
         return texture
 
-    def _data_texture(self, values: NDArray[Any], dtype: str) -> Any:  # noqa: ANN401
-        texture = self._context.texture(
-            values.shape[::-1], 1, np.ascontiguousarray(values).tobytes(), dtype=dtype, alignment=1
-        )
-        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        return texture
-
-    def _upload_layer(self, layer: LoadedLayer) -> _LayerBuffers:
-        context = self._context
-        positions = context.buffer(np.ascontiguousarray(layer.vertices, dtype="<f4").tobytes())
-        indices = context.buffer(np.ascontiguousarray(layer.triangles, dtype="<i4").tobytes())
-        arrays = {
-            (kind, mode): context.vertex_array(
-                self._programs[kind, mode].program, [(positions, "3f", "position")], indices
+    def _cell_buffers(self, cell: LoadedCell) -> _CellBuffers:
+        """Room for all layers of a cell."""
+        limit = self._context.info["GL_MAX_TEXTURE_SIZE"]
+        if max(cell.size) > limit:
+            raise CaptureError(
+                f"OpenGL here has textures of at most {limit} texels a side, and a cell needs {cell.size}"
             )
-            for kind in ("layer", "captured")
-            for mode in self._modes
-        }
-        picture = self._texture(layer.pixels, repeat=False)
-        depths = self._data_texture(layer.depth, "f4")
-        ids = None
+        kinds = [(4, "f1", moderngl.LINEAR), (1, "f4", moderngl.NEAREST)]
         if self.measured:
-            if layer.object_ids is None:
-                raise ValueError(f"layer {layer.name}: object ids expected for measuring, found none")
-            ids = self._data_texture(layer.object_ids, "i4")
-        owned = (*arrays.values(), positions, indices, picture, depths, *(() if ids is None else (ids,)))
-        captured = len(layer.triangles) - layer.plain
-        left, top, width, height = layer.view.window
-        uniforms = {
-            "capture_from_world": np.ascontiguousarray(layer.view.eye_from_world[:3, :3].T, dtype="f4").tobytes(),
-            "captured_from": layer.view.eye.astype("f4").tobytes(),
-            "window": np.array([layer.view.focal, -left, -top, 0.0], dtype="f4").tobytes(),
-            "size": np.array([width, height], dtype="f4").tobytes(),
-        }
-        return _LayerBuffers(layer.view.eye, uniforms, layer.plain, captured, arrays, picture, depths, ids, owned)
+            kinds.append((1, "i4", moderngl.NEAREST))
+        textures = []
+        for components, dtype, smoothing in kinds:
+            texture = self._context.texture(cell.size, components, dtype=dtype, alignment=1)
+            texture.filter = (smoothing, smoothing)  # texels are about as large as pixels: no mipmaps
+            texture.repeat_x = texture.repeat_y = False
+            textures.append(texture)
+        counts = [len(layer.vertices) for layer in cell.layers]
+        first = dict(zip((layer.name for layer in cell.layers), np.cumsum([0, *counts]).tolist(), strict=False))
+        vertices = self._context.buffer(reserve=max(sum(counts), 1) * _LAYER_VERTEX_BYTES)
+        return _CellBuffers(cell.eye, tuple(textures), vertices, first, {}, {})
+
+    def _fill(self, cell: _CellBuffers, layer: LoadedLayer) -> None:
+        """Put a layer where there is room for it."""
+        if self.measured and layer.object_ids is None:
+            raise ValueError(f"layer {layer.name}: object ids expected for measuring, found none")
+        height, width = layer.depth.shape
+        for texture, values in zip(cell.textures, (layer.pixels, layer.depth, layer.object_ids), strict=False):
+            texture.write(np.ascontiguousarray(values).tobytes(), viewport=(*layer.corner, width, height), alignment=1)
+        first = cell.first_vertex[layer.name]
+        cell.vertices.write(layer.vertices.astype("<f4").tobytes(), offset=first * _LAYER_VERTEX_BYTES)
+        triangles = layer.triangles + np.int32(first)
+        cell.triangles[layer.name] = triangles[: layer.plain], triangles[layer.plain :]
 
 
 def _finish_without_lock() -> Callable[[], object] | None:

@@ -15,8 +15,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mmi.camera import View
 from mmi.cellfiles import read_depths, read_pictures
+from mmi.impostor import LayerPicture
+from viewer.atlas import BORDER, bordered, shelves
 from viewer.ordering import CapturedLayer, out_of_order
 from viewer.scene import Scene
 from viewer.technique import CellKey
@@ -26,15 +27,17 @@ __all__ = ["LoadedCell", "LoadedLayer", "load_cell"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadedLayer:
-    """A layer as it goes to the GPU.
+    """A layer as it goes to the GPU: into the cell's atlas at ``corner`` (x, y), with the atlas' border around it.
 
-    ``pixels`` (h, w, 4) uint8 sRGB, alpha is coverage; ``depth`` (h, w) float32 eye-space metres, also one texel beyond the
-    silhouette (filtering reaches that far), ``inf`` farther out; ``object_ids`` (h, w) int32 or None. ``vertices`` (n, 3)
-    float32 world metres, ``triangles`` (m, 3) int32, the first ``plain`` of which are drawn as they are.
+    ``pixels`` (h, w, 4) uint8 sRGB, alpha is coverage; ``depth`` (h, w) float32 eye-space metres in the capture, also one
+    texel beyond the silhouette (filtering reaches that far), ``inf`` farther out; ``object_ids`` (h, w) int32 or None.
+    ``vertices`` (n, 6) float32: world metres, and texture coordinates in the atlas times depth in the capture, and that
+    depth: linear in space, and so projective texturing. ``triangles`` (m, 3) int32, the first ``plain`` of which are drawn as
+    they are.
     """
 
     name: str
-    view: View
+    corner: tuple[int, int]
     pixels: NDArray[np.uint8]
     depth: NDArray[np.float32]
     object_ids: NDArray[np.int32] | None
@@ -42,24 +45,22 @@ class LoadedLayer:
     triangles: NDArray[np.int32]
     plain: int
 
-    @property
-    def bytes(self) -> int:
-        """What it takes in memory, here and on the GPU alike."""
-        ids = 0 if self.object_ids is None else self.object_ids.nbytes
-        return self.pixels.nbytes + self.depth.nbytes + ids + self.vertices.nbytes + self.triangles.nbytes
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadedCell:
-    """All layers of a cell."""
+    """All layers of a cell, captured from ``eye`` (3,), for an atlas of ``size`` (width, height)."""
 
     key: CellKey
+    eye: NDArray[np.float64]
+    size: tuple[int, int]
     layers: tuple[LoadedLayer, ...]
 
     @property
     def bytes(self) -> int:
-        """What it takes in memory."""
-        return sum(layer.bytes for layer in self.layers)
+        """What it takes in memory, here and on the GPU alike."""
+        measured = any(layer.object_ids is not None for layer in self.layers)
+        meshes = sum(layer.vertices.nbytes + layer.triangles.nbytes for layer in self.layers)
+        return self.size[0] * self.size[1] * (12 if measured else 8) + meshes
 
 
 def load_cell(scene: Scene, cell: str, *, measured: bool = False) -> LoadedCell:
@@ -75,22 +76,32 @@ def load_cell(scene: Scene, cell: str, *, measured: bool = False) -> LoadedCell:
         max_angle=scene.parameters.max_angle,
         eye_height=max(entry["reference"][2] - scene.ground_height, 0.0),
     )
+    sizes = [(one.view.window[2] + 2 * BORDER, one.view.window[3] + 2 * BORDER) for one in pictures]
+    corners, size = shelves(sizes)
     layers = []
-    for picture, flags in zip(pictures, harmed, strict=True):
+    for picture, flags, corner in zip(pictures, harmed, corners, strict=True):
         depth, places = depths[picture.name]
         layers.append(
             LoadedLayer(
                 name=picture.name,
-                view=picture.view,
-                pixels=picture.pixels,
-                depth=_one_texel_beyond(depth),
-                object_ids=None if objects is None else objects[places],
-                vertices=picture.mesh.vertices,
+                corner=corner,
+                pixels=bordered(picture.pixels),
+                depth=bordered(_one_texel_beyond(depth)),
+                object_ids=None if objects is None else bordered(objects[places]),
+                vertices=_vertices(picture, corner, size),
                 triangles=np.ascontiguousarray(picture.mesh.triangles[np.argsort(flags, kind="stable")]),
                 plain=int(np.count_nonzero(~flags)),
             )
         )
-    return LoadedCell(CellKey(scene.name, cell), tuple(layers))
+    return LoadedCell(CellKey(scene.name, cell), np.array(entry["reference"]), size, tuple(layers))
+
+
+def _vertices(picture: LayerPicture, corner: tuple[int, int], size: tuple[int, int]) -> NDArray[np.float32]:
+    """(n, 6) positions, and projective texture coordinates in an atlas of ``size``."""
+    mesh, (_, _, width, height) = picture.mesh, picture.view.window
+    depth = picture.view.project(mesh.vertices.astype(np.float64))[:, 2:]
+    texels = mesh.uv * np.array([width, height]) + np.array(corner) + BORDER
+    return np.hstack([mesh.vertices, texels / size * depth, depth]).astype(np.float32)
 
 
 @njit(cache=True, nogil=True)

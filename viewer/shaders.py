@@ -53,18 +53,16 @@ void main() {
 """
 _LAYER_VERTEX = """
 in vec3 position;
+in vec3 texture_from_capture;  // texture coordinates times depth in the capture, and that: linear in space, so projective
 uniform vec3 captured_from;
-uniform mat3 capture_from_world;
-uniform vec4 window;   // focal, -left, -top of the capture's window in pixels, and nothing
-uniform vec2 size;     // of the window
-out vec3 at;           // texture coordinates times depth in the capture, and that: linear in space, so projective
+out vec3 at;
 #if defined(MEASURED) || defined(CAPTURED_DEPTH)
-out vec3 world;        // relative to the capture's eye
+out vec3 world;                // relative to the capture's eye
 out float depth;
 #endif
 void main() {
-    vec3 p = eye_from_world * (position - eye), q = capture_from_world * (position - captured_from);
-    at = vec3((vec2(window.x * q.x, -window.x * q.y) - q.z * window.yz) / size, -q.z);
+    vec3 p = eye_from_world * (position - eye);
+    at = texture_from_capture;
 #if defined(MEASURED) || defined(CAPTURED_DEPTH)
     world = position - captured_from; depth = -p.z;
 #endif
@@ -76,9 +74,8 @@ uniform sampler2D picture;
 in vec3 at;
 #if defined(MEASURED) || defined(CAPTURED_DEPTH)
 in vec3 world; in float depth;
-uniform vec2 size;
 uniform sampler2D depths;
-uniform vec3 viewer;   // relative to the capture's eye
+uniform vec3 viewer;           // relative to the capture's eye
 #endif
 #ifdef MEASURED
 uniform isampler2D ids;
@@ -95,7 +92,8 @@ void main() {
     color_out = vec4(color.rgb, 1.0);
 #endif
 #if defined(MEASURED) || defined(CAPTURED_DEPTH)
-    ivec2 nearest = clamp(ivec2(floor(uv * size)), ivec2(0), ivec2(size) - 1);
+    ivec2 size = textureSize(depths, 0);
+    ivec2 nearest = clamp(ivec2(floor(uv * vec2(size))), ivec2(0), size - 1);
     float captured_depth = texelFetch(depths, nearest, 0).r;
     if (isinf(captured_depth)) captured_depth = at.z;
     vec3 captured = world * (captured_depth / max(at.z, 1e-6));
@@ -109,12 +107,9 @@ void main() {
 #endif
 #ifdef MEASURED
     int id = texelFetch(ids, nearest, 0).r;
-    // Filters reach beyond the silhouette, the farther the smaller the picture is drawn: take a covered neighbour.
-    for (int reach = 1; reach < 4 && id < 0; ++reach) {
-        for (int k = 0; k < 9 && id < 0; ++k) {
-            ivec2 other = clamp(nearest + reach * (ivec2(k % 3, k / 3) - 1), ivec2(0), ivec2(size) - 1);
-            id = texelFetch(ids, other, 0).r;
-        }
+    for (int k = 0; k < 9 && id < 0; ++k) {  // the filter reaches half a texel beyond the silhouette
+        ivec2 other = clamp(nearest + ivec2(k % 3, k / 3) - 1, ivec2(0), size - 1);
+        id = texelFetch(ids, other, 0).r;
     }
     id_out = id;
     vec3 a = normalize(world - viewer), b = normalize(captured - viewer);

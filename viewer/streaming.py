@@ -27,8 +27,8 @@ _Size = Callable[[CellKey], int]
 class LayerStore(Protocol):
     """Where layers are drawn from: a renderer, or a test's double of one."""
 
-    def upload_layer(self, cell: CellKey, layer: LoadedLayer) -> None:
-        """Take a layer in."""
+    def upload_layer(self, cell: LoadedCell, layer: LoadedLayer) -> None:
+        """Take one of a cell's layers in."""
         ...
 
     def evict(self, cell: CellKey) -> None:
@@ -65,7 +65,7 @@ class CellCache:
         self._closed = False
         self._target: set[CellKey] = set()  # what should be in memory now
         self._bytes: dict[CellKey, int] = {}  # of all cells in memory, the least recently needed first
-        self._uploading: dict[CellKey, list[LoadedLayer]] = {}  # what is left of cells that are not all there yet
+        self._uploading: dict[CellKey, tuple[LoadedCell, list[LoadedLayer]]] = {}  # and what is not there yet
         self._report = CacheReport(0, 0.0, 0, 0, 0, 0)
         self._thread = threading.Thread(target=self._work, name="cells ahead", daemon=True)
         self._thread.start()
@@ -176,12 +176,12 @@ class CellCache:
             if used <= self._capacity or key in self._target:
                 self._bytes[key] = cell.bytes
                 if cell.layers:
-                    self._uploading[key] = list(cell.layers)
+                    self._uploading[key] = (cell, list(cell.layers))
                 self._count()
 
     def _upload_one(self, key: CellKey) -> None:
-        layers = self._uploading[key]
-        self._store.upload_layer(key, layers.pop(0))
+        cell, layers = self._uploading[key]
+        self._store.upload_layer(cell, layers.pop(0))
         if not layers:
             del self._uploading[key]
 

@@ -28,7 +28,7 @@ class Painter:
         self.plans, self.there = [], {}
 
     def upload_layer(self, cell, layer):
-        self.there.setdefault(cell, set()).add(layer.name)
+        self.there.setdefault(cell.key, set()).add(layer.name)
 
     def evict(self, cell):
         self.there.pop(cell, None)

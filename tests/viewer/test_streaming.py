@@ -4,7 +4,6 @@ import time
 import numpy as np
 import pytest
 
-from mmi.camera import level_view
 from mmi.errors import DatasetError
 from viewer.loaded import LoadedCell, LoadedLayer
 from viewer.streaming import CellCache
@@ -19,21 +18,20 @@ def key(name):
 
 
 def cell(where):
-    view = level_view(np.zeros(3), 0.0, focal=4.0, window=(-2, -2, 4, 4))
     layers = tuple(
         LoadedLayer(
             f"s0.l{i}",
-            view,
+            (0, 0),
             np.zeros((4, 4, 4), np.uint8),
             np.ones((4, 4), np.float32),
             None,
-            np.zeros((0, 3), np.float32),
+            np.zeros((0, 6), np.float32),
             np.zeros((0, 3), np.int32),
             0,
         )
         for i in range(LAYERS)
     )
-    return LoadedCell(where, layers)
+    return LoadedCell(where, np.zeros(3), (4, 4 * LAYERS), layers)
 
 
 class Store:
@@ -42,8 +40,8 @@ class Store:
     def __init__(self):
         self.layers = {}
 
-    def upload_layer(self, where, layer):
-        self.layers.setdefault(where, []).append(layer.name)
+    def upload_layer(self, cell, layer):
+        self.layers.setdefault(cell.key, []).append(layer.name)
 
     def evict(self, where):
         self.layers.pop(where, None)
@@ -192,7 +190,7 @@ def test_uploads_are_few_at_a_time(made):
 
 def test_a_cell_without_layers_is_there_at_once():
     store = Store()
-    with CellCache(lambda where: LoadedCell(where, ()), lambda _: 0, store) as cache:
+    with CellCache(lambda where: LoadedCell(where, np.zeros(3), (1, 1), ()), lambda _: 0, store) as cache:
         cache.require([key("empty")])
         assert cache.holds(key("empty"))
 
