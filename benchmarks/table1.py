@@ -38,6 +38,7 @@ def main() -> None:
     parser.add_argument("--near", type=int, metavar="TRIANGLES")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--techniques", default=",".join(TECHNIQUES))
+    parser.add_argument("--warm", action="store_true", help="walk once before, so that all cells are in memory")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     techniques = options.techniques.split(",")
@@ -60,7 +61,7 @@ def main() -> None:
         f"{options.dataset}: {walk.metres:.0f} m through {len(set(visited))} cells, {len(visited)} frames, "
         f"{options.rounds} rounds, city of {len(scene.mesh.triangles)} triangles, near geometry {near * side**2:.0f}"
     )
-    found, _ = rounds(scenes, walk, techniques, fps=options.fps, rounds=options.rounds)
+    found, _ = rounds(scenes, walk, techniques, fps=options.fps, rounds=options.rounds, warm=options.warm)
 
     times = {name: total_ms(runs) for name, runs in found.items()}
     middle = {name: float(np.median(some)) for name, some in times.items()}

@@ -49,9 +49,10 @@ def detailed(mesh: CityMesh, side: int) -> CityMesh:
 
 
 def rounds(
-    scenes: Mapping[str, Scene], walk: Walk, techniques: Sequence[str], *, fps: float, rounds: int
+    scenes: Mapping[str, Scene], walk: Walk, techniques: Sequence[str], *, fps: float, rounds: int, warm: bool = False
 ) -> tuple[dict[str, list[list[FrameTimes]]], dict[str, int]]:
-    """``rounds`` times the walk by each technique in turn, so that a noisy moment meets all; caches empty each time.
+    """``rounds`` times the walk by each technique in turn, so that a noisy moment meets all; caches empty each time, or
+    ``warm``: after the same walk.
 
     ``full`` and ``visible``, which are slow and load nothing, draw every eighth frame only. Also the bytes that each technique
     has to hold: the triangles of its largest frame, and its cells.
@@ -67,6 +68,8 @@ def rounds(
                 with cell_cache(scenes, renderer) as cache:
                     technique = make_technique(name, scenes)
                     steps = walk.frames(fps)[:: 8 if name in ("full", "visible") else 1]
+                    if warm:
+                        run_walk(steps, make_technique(name, scenes), renderer, cache, camera=camera)
                     found[name].append(run_walk(steps, technique, renderer, cache, camera=camera))
                     largest = max(frame.triangles for frame in found[name][-1])
                     held[name] = max(held.get(name, 0), largest * _TRIANGLE_BYTES + cache.report.largest_bytes)

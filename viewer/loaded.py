@@ -9,6 +9,7 @@ themselves, and not their approximations.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,18 +64,23 @@ class LoadedCell:
         return self.size[0] * self.size[1] * (12 if measured else 8) + meshes
 
 
-def load_cell(scene: Scene, cell: str, *, measured: bool = False) -> LoadedCell:
+def load_cell(scene: Scene, cell: str, *, measured: bool = False, rest: Callable[[], None] | None = None) -> LoadedCell:
     """Read a cell's files; with ``measured`` object ids too, as indices into the city's objects.
 
-    Spends its time where other threads can run. Raises DatasetError where a file is missing or damaged.
+    Spends its time where other threads can run, and calls ``rest`` now and then, so that it can leave them the processor. Raises DatasetError where a file is missing or damaged.
     """
+    rest = rest or _never
     entry = scene.dataset.cell(cell)
-    pictures, depths = read_pictures(scene.dataset, cell), read_depths(scene.dataset, cell)
+    pictures = read_pictures(scene.dataset, cell)
+    rest()
+    depths = read_depths(scene.dataset, cell)
+    rest()
     objects = np.array([-1, *(scene.objects[one] for one in entry["far"])], dtype=np.int32) if measured else None
     harmed = out_of_order(
         [CapturedLayer(one.index, one.view, one.mesh, depths[one.name][0]) for one in pictures],
         max_angle=scene.parameters.max_angle,
         eye_height=max(entry["reference"][2] - scene.ground_height, 0.0),
+        rest=rest,
     )
     sizes = [(one.view.window[2] + 2 * BORDER, one.view.window[3] + 2 * BORDER) for one in pictures]
     corners, size = shelves(sizes)
@@ -93,7 +99,12 @@ def load_cell(scene: Scene, cell: str, *, measured: bool = False) -> LoadedCell:
                 plain=int(np.count_nonzero(~flags)),
             )
         )
+        rest()
     return LoadedCell(CellKey(scene.name, cell), np.array(entry["reference"]), size, tuple(layers))
+
+
+def _never() -> None:
+    """No rest."""
 
 
 def _vertices(picture: LayerPicture, corner: tuple[int, int], size: tuple[int, int]) -> NDArray[np.float32]:

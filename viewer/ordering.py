@@ -13,7 +13,7 @@ horizontal distances that a layer covers there.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,10 +45,17 @@ class CapturedLayer:
     depth: NDArray[np.float32]
 
 
-def out_of_order(pictures: Sequence[CapturedLayer], *, max_angle: float, eye_height: float) -> list[NDArray[np.bool_]]:
+def out_of_order(
+    pictures: Sequence[CapturedLayer],
+    *,
+    max_angle: float,
+    eye_height: float,
+    rest: Callable[[], None] = lambda: None,
+) -> list[NDArray[np.bool_]]:
     """For each picture, (m,) whether its triangles need captured depths. All are level views from one eye.
 
     ``max_angle`` radians is the largest displacement between layers, ``eye_height`` metres that of the eye above the ground.
+    ``rest`` is called between pictures.
     """
     if not pictures:
         return []
@@ -76,6 +83,7 @@ def out_of_order(pictures: Sequence[CapturedLayer], *, max_angle: float, eye_hei
         below = one.view.pixel_centres()[1] > 0.0
         bend = np.where(below, eye_height * one.view.focal / _GROUND_PX, 0.0)
         own = names.index(one.layer)
+        rest()
         found.append(_harmed(corners, nearness, one.mesh.triangles, one.depth, *where, bend, own, near, far))
     return found
 

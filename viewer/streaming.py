@@ -20,7 +20,10 @@ from viewer.technique import CellKey
 
 __all__ = ["CacheReport", "CellCache", "LayerStore"]
 
-_Load = Callable[[CellKey], LoadedCell]
+_REST = 1.0
+"""Times as long as it has worked, that the background thread rests: drawing wants the processor too."""
+
+_Load = Callable[[CellKey, Callable[[], None]], LoadedCell]
 _Size = Callable[[CellKey], int]
 
 
@@ -51,15 +54,18 @@ class CacheReport:
 class CellCache:
     """Cells in memory: what is needed, and of the rest as much as fits into ``capacity`` bytes. Use as a context manager.
 
-    ``load`` reads a cell and runs in the background thread; what it raises is raised again by the next call here.
+    ``load`` reads a cell and runs in the background thread; what it raises is raised again by the next call here. Between
+    pieces of its work it calls what it gets as second argument, which lets it rest unless the cell is waited for.
     ``size`` foretells what a cell takes.
     """
 
     def __init__(self, load: _Load, size: _Size, store: LayerStore, *, capacity: int = 512 << 20) -> None:
         self._load, self._size, self._store, self._capacity = load, size, store, capacity
-        self._lock = threading.Condition()  # guards the next five, which both threads use
+        self._lock = threading.Condition()  # guards the next ones, which both threads use
         self._wanted: list[CellKey] = []  # most urgent first
         self._loading: CellKey | None = None
+        self._urgent: CellKey | None = None
+        self._working_since = 0.0
         self._arrived: dict[CellKey, LoadedCell] = {}
         self._failure: BaseException | None = None
         self._closed = False
@@ -132,9 +138,10 @@ class CellCache:
         for cell in missing:
             with self._lock:
                 self._target.add(cell)
+                self._urgent = cell
                 if cell not in self._bytes and cell != self._loading and cell not in self._arrived:
                     self._wanted = [cell, *(one for one in self._wanted if one != cell)]
-                    self._lock.notify_all()
+                self._lock.notify_all()
             while cell not in self._bytes:
                 with self._lock:
                     self._lock.wait_for(lambda cell=cell: self._failure or cell in self._arrived)  # type: ignore[misc]
@@ -210,7 +217,8 @@ class CellCache:
                     return
                 cell = self._loading = self._wanted.pop(0)
             try:
-                loaded = self._load(cell)
+                self._working_since = time.perf_counter()
+                loaded = self._load(cell, self._rest)
             except BaseException as error:
                 with self._lock:
                     self._failure, self._loading = error, None
@@ -219,3 +227,10 @@ class CellCache:
                 with self._lock:
                     self._arrived[cell], self._loading = loaded, None
                     self._lock.notify_all()
+
+    def _rest(self) -> None:
+        """Rest in proportion to the work since the last time, as long as nobody waits for the cell."""
+        with self._lock:
+            worked = time.perf_counter() - self._working_since
+            self._lock.wait_for(lambda: self._closed or self._urgent == self._loading, timeout=_REST * worked)
+        self._working_since = time.perf_counter()

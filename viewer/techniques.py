@@ -70,8 +70,8 @@ def cell_cache(
 ) -> CellCache:
     """A cache of at most ``capacity`` bytes for the cells of all ``scenes``; ``measured``: with what measuring needs."""
 
-    def load(key: CellKey) -> LoadedCell:
-        return load_cell(scenes[key.dataset], key.cell, measured=measured)
+    def load(key: CellKey, rest: Callable[[], None]) -> LoadedCell:
+        return load_cell(scenes[key.dataset], key.cell, measured=measured, rest=rest)
 
     def size(key: CellKey) -> int:
         return _foretold(scenes[key.dataset].dataset, key.cell, measured)

@@ -54,10 +54,11 @@ class Disk:
         self.loaded, self.open = [], threading.Event()
         self.open.set()
 
-    def __call__(self, where):
+    def __call__(self, where, rest):
         assert self.open.wait(10.0)
         if where.cell == "broken":
             raise DatasetError("cells/broken.glb: damaged")
+        rest()
         self.loaded.append(where.cell)
         return cell(where)
 
@@ -190,14 +191,38 @@ def test_uploads_are_few_at_a_time(made):
 
 def test_a_cell_without_layers_is_there_at_once():
     store = Store()
-    with CellCache(lambda where: LoadedCell(where, np.zeros(3), (1, 1), ()), lambda _: 0, store) as cache:
+    with CellCache(lambda where, _: LoadedCell(where, np.zeros(3), (1, 1), ()), lambda _: 0, store) as cache:
         cache.require([key("empty")])
         assert cache.holds(key("empty"))
 
 
 def test_closing_frees_everything():
     store = Store()
-    with CellCache(cell, lambda _: LAYERS * SIZE, store) as cache:
+    with CellCache(lambda where, _: cell(where), lambda _: LAYERS * SIZE, store) as cache:
         cache.require([key("a"), key("b")])
     assert store.layers == {}
     assert threading.active_count() < 50
+
+
+def test_the_thread_rests_after_work_but_not_while_it_is_waited_for():
+    work, rests = 0.05, []
+
+    def load(where, rest):
+        for _ in range(4):
+            time.sleep(work)
+            start = time.perf_counter()
+            rest()
+            rests.append(time.perf_counter() - start)
+        return cell(where)
+
+    with CellCache(load, lambda _: LAYERS * SIZE, Store()) as cache:
+        cache.want([], [key("a")])
+        while not cache.holds(key("a")):
+            cache.spend(1.0)
+            time.sleep(0.005)
+        assert min(rests) > work
+        rests.clear()
+        cache.want([], [key("b")])
+        time.sleep(1.5 * work)  # it works, and rests
+        cache.require([key("b")])
+        assert max(rests[1:]) < 0.5 * work
