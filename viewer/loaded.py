@@ -67,7 +67,8 @@ class LoadedCell:
 def load_cell(scene: Scene, cell: str, *, measured: bool = False, rest: Callable[[], None] | None = None) -> LoadedCell:
     """Read a cell's files; with ``measured`` object ids too, as indices into the city's objects.
 
-    Spends its time where other threads can run, and calls ``rest`` now and then, so that it can leave them the processor. Raises DatasetError where a file is missing or damaged.
+    Spends its time where other threads can run, and calls ``rest`` now and then, so that it can leave them the processor.
+    Raises DatasetError where a file is missing or damaged.
     """
     rest = rest or _never
     entry = scene.dataset.cell(cell)

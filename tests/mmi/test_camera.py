@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mmi.camera import Camera, View, level_view
+from mmi.camera import Camera, View, level_view, view_towards
 from mmi.errors import ParameterError
 
 finite = st.floats(-500.0, 500.0)
@@ -52,3 +52,27 @@ def test_pixel_centres_of_a_window():
     u, v = View(np.eye(4), 10.0, (-2, 3, 3, 2)).pixel_centres()
     assert u.tolist() == [-1.5, -0.5, 0.5]
     assert v.tolist() == [3.5, 4.5]
+
+
+@pytest.mark.parametrize(("azimuth", "pitch"), [(0.0, 0.0), (0.7, 0.4), (-2.0, -1.0), (3.0, 1.4)])
+def test_a_view_up_or_down_has_its_direction_in_the_middle_and_no_roll(azimuth, pitch):
+    eye = np.array([3.0, -4.0, 1.7])
+    view = view_towards(eye, azimuth, pitch, focal=100.0, window=(-10, -10, 20, 20))
+    ahead = np.array([math.cos(azimuth) * math.cos(pitch), math.sin(azimuth) * math.cos(pitch), math.sin(pitch)])
+    np.testing.assert_allclose(view.project(eye + 7.0 * ahead), [0.0, 0.0, 7.0], atol=1e-9)
+    np.testing.assert_allclose(view.eye, eye, atol=1e-12)
+    np.testing.assert_allclose(view.eye_from_world[:3, :3] @ view.eye_from_world[:3, :3].T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(view.eye_from_world[:3, :3]) == pytest.approx(1.0)
+    above = view.project(eye + 7.0 * ahead + [0.0, 0.0, 0.1])
+    assert above[0] == pytest.approx(0.0, abs=1e-9)
+    assert above[1] < 0.0
+
+
+def test_a_pitch_of_a_right_angle_has_no_azimuth():
+    with pytest.raises(ParameterError, match="pitch"):
+        view_towards(np.zeros(3), 0.0, math.pi / 2, focal=1.0, window=(0, 0, 1, 1))
+
+
+def test_a_display_is_a_window_around_the_principal_point():
+    assert Camera(640, 400, 1.0).window == (-320, -200, 640, 400)
+    assert Camera(5, 3, 1.0).window == (-2, -1, 5, 3)

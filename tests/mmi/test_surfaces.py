@@ -14,7 +14,7 @@ from shapely.geometry import Polygon, box, shape
 
 from mmi.city import City, CityObject, Prism, TriangleMesh
 from mmi.facades import BAYS, ROWS, plain_strip, roof_strip, storey_v
-from mmi.surfaces import CityMesh, build_city_mesh, mesh_of, triangulate
+from mmi.surfaces import CityMesh, build_city_mesh, mesh_of, triangles_of, triangulate
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 
@@ -299,3 +299,11 @@ def test_a_real_district_is_whole():
     for i, one in enumerate(objects.values()):
         expected = sum(prism.footprint.area * prism.top for prism in one.prisms)
         assert volume(mesh_of(mesh, [i])) == pytest.approx(expected, rel=2e-3, abs=1.0), one.id
+
+
+def test_triangles_of_some_objects_are_those_of_their_own_meshes():
+    mesh = build_city_mesh(crossroads())
+    for chosen in ([3], [7, 2, 2], []):
+        corners = mesh.positions[triangles_of(mesh, chosen)]
+        part = mesh_of(mesh, chosen)
+        assert np.array_equal(corners, part.positions[part.triangles])
