@@ -8,6 +8,7 @@ import networkx as nx
 import numpy as np
 import pytest
 import shapely
+from cities import crossroads
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Polygon, box, shape
