@@ -1,6 +1,6 @@
 """The plain surface below and around a city's ground: what a viewer sees of the ground where its tiles are too far to draw.
 
-Tiles are left out where all that lies beyond them is a line of a pixel below the horizon (``viewer.scene``), and the city's
+Tiles are left out where all that lies beyond them is a line of two pixels below the horizon (``viewer.scene``), and the city's
 ground ends somewhere; the backdrop goes on to the horizon in the ground's mean colour.
 """
 

@@ -66,7 +66,9 @@ def report_of(
 
 
 def worst_views(judge: Judge, techniques: Sequence[str], out: Path) -> list[dict[str, Any]]:
-    """Pictures of the worst views, and what the report says of them."""
+    """Pictures of the worst views, instead of an earlier report's, and what the report says of them."""
+    for stale in (out / "worst").glob("*-[0-9][0-9].png"):
+        stale.unlink()
     entries = []
     for name in techniques:
         for rank, view in enumerate(judge.worst(name), start=1):

@@ -25,7 +25,8 @@ from viewer.whereabouts import Whereabouts
 
 __all__ = ["CellScene", "Scene", "open_scene"]
 
-_FAR_GROUND_PX = 1.0
+_FAR_GROUND_PX = 2.0
+"""Pixels below the horizon that stay without the ground's details, where it is too far away for them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +85,7 @@ class Scene:
     def ground_in(self, view: View) -> Ground:
         """The tiles of the ground that ``view`` may show.
 
-        Beyond the distance at which the rest of the ground is a line of a pixel below the horizon, none.
+        Beyond the distance at which the rest of the ground is a line of two pixels below the horizon, none.
         """
         height = max(float(view.eye[2]) - self.ground_height, 0.1)
         reach = height * view.focal / _FAR_GROUND_PX
