@@ -45,7 +45,7 @@ example:
 def build_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
     """``build-impostors CITY -o OUT``: a dataset of multi-mesh impostors from a city."""
     parser = _build_parser()
-    run_program(parser, arguments, _build)
+    run_program(parser, arguments, _build, kept="what was finished is kept, the same command goes on from there")
 
 
 def inspect_layers(arguments: Sequence[str] | None = None) -> NoReturn:
@@ -64,7 +64,7 @@ def inspect_layers(arguments: Sequence[str] | None = None) -> NoReturn:
         "--cell", action="append", metavar="ID", help="a cell to plot (again for more; default: one typical)"
     )
     parser.add_argument("--json", action="store_true", help="list the files written as JSON on standard output")
-    run_program(parser, arguments, _inspect)
+    run_program(parser, arguments, _inspect, kept="the pictures so far are kept")
 
 
 # ----------------------------------------------------------------------------------------------- build-impostors

@@ -24,9 +24,9 @@ class Parser(argparse.ArgumentParser):
 
 
 def run_program(
-    parser: Parser, arguments: Sequence[str] | None, program: Callable[[argparse.Namespace], None]
+    parser: Parser, arguments: Sequence[str] | None, program: Callable[[argparse.Namespace], None], *, kept: str
 ) -> NoReturn:
-    """Parse, run, and turn every expected failure into one line and an exit status."""
+    """Parse, run, and turn every expected failure into one line and an exit status; ``kept`` is what Ctrl-C leaves behind."""
     options = parser.parse_args(arguments)
     try:
         program(options)
@@ -34,9 +34,7 @@ def run_program(
     except MmiError as error:
         parser.exit(2, f"{parser.prog}: error: {' '.join(str(error).split())}\n")
     except KeyboardInterrupt:
-        parser.exit(
-            130, f"{parser.prog}: interrupted; what was finished is kept, the same command goes on from there\n"
-        )
+        parser.exit(130, f"{parser.prog}: interrupted; {kept}\n")
     except BrokenPipeError:  # whoever read our output has left: say nothing more, to nobody
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
@@ -99,7 +97,7 @@ def names_option(text: str) -> list[str]:
     """Names with commas between."""
     names = [name.strip() for name in text.split(",")]
     if not all(names):
-        raise argparse.ArgumentTypeError(f"ids of cells with commas between expected, found {text!r}")
+        raise argparse.ArgumentTypeError(f"names with commas between expected, found {text!r}")
     return names
 
 

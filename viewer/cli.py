@@ -94,7 +94,7 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         "--json", action="store_true", help="the report as JSON on standard output, and nothing else there"
     )
     work.add_argument("--quiet", action="store_true", help="no progress, no table")
-    run_program(parser, arguments, _compare)
+    run_program(parser, arguments, _compare, kept="no report was written, cells built for single-mesh are kept")
 
 
 def _compare(options: argparse.Namespace) -> None:
@@ -104,6 +104,9 @@ def _compare(options: argparse.Namespace) -> None:
             raise ParameterError(f"{name}: a walk expected (--path or --tour), found views")
     if options.save_path is not None and options.tour is None:
         raise ParameterError("--save-path: a tour to save expected (--tour)")
+
+    if not 1.0 <= options.cache <= 1e6:
+        raise ParameterError(f"--cache: 1 to 1000000 MB expected, found {options.cache:g}")
 
     from viewer.compare import CompareOptions, compare_views, compare_walk
     from viewer.tour import tour
@@ -115,7 +118,7 @@ def _compare(options: argparse.Namespace) -> None:
             frames_per_second=options.fps,
             fade=options.fade,
             samples=options.antialias,
-            cache=round(options.cache * 1e6) if options.cache < 1e9 else 0,
+            cache=round(1e6 * options.cache),
             scored=options.scored,
             keep=options.worst,
             flip=not options.no_flip,
@@ -165,9 +168,9 @@ def _print_table(report: dict[str, Any], out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    talk = Console(highlight=False)
+    talk = Console(highlight=False, markup=False)
     if not talk.is_terminal:
-        talk = Console(highlight=False, width=120)
+        talk = Console(highlight=False, markup=False, width=120)
     title = f"{report['dataset']['name']}: {report['views']} views at {report['display']['width']} x "
     title += f"{report['display']['height']}, drawn by {report['device']}"
     table = Table(title=title, title_justify="left", title_style="", box=None, pad_edge=False)

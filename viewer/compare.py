@@ -50,6 +50,9 @@ __all__ = ["CompareOptions", "compare_views", "compare_walk"]
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and how much there is."""
 
+_SAMPLES = (0, 2, 4, 8, 16)
+_LONGEST_WEBP = 2 << 30
+"""Bytes of frames: an animated WebP is made of all of them at once."""
 _TIMINGS = 3
 """Times that a random view is drawn for its frame time, the median of which counts."""
 _MOST_POPS = 24
@@ -85,8 +88,7 @@ class CompareOptions:
         for name, least, most in (
             ("frames_per_second", 1.0, 240.0),
             ("fade", 0.0, 10.0),
-            ("samples", 0, 16),
-            ("cache", 1 << 20, 1 << 40),
+            ("cache", 1_000_000, 1 << 40),
             ("scored", 1, 100_000),
             ("keep", 0, 100),
             ("workers", 1, 1024),
@@ -94,6 +96,8 @@ class CompareOptions:
             value = getattr(self, name)
             if not (math.isfinite(value) and least <= value <= most):
                 raise ParameterError(f"{name}: a number from {least:g} to {most:g} expected, found {value!r}")
+        if self.samples not in _SAMPLES:
+            raise ParameterError(f"samples: one of {', '.join(map(str, _SAMPLES))} expected, found {self.samples!r}")
 
 
 def compare_views(
@@ -115,33 +119,47 @@ def compare_views(
     cells = [main.whereabouts.cell_at(np.array(pose.eye), current=None) for _, pose in poses]
     scenes = _scenes(main, out, cells, options, tell)
     camera = main.camera
-    times: dict[str, list[float]] = {name: [] for name in options.techniques}
-    sent: dict[str, list[tuple[int, int]]] = {name: [] for name in options.techniques}
-    with _renderer(main, measured=True, samples=options.samples) as renderer:
+    # Timed first, in peace: comparing takes all processors.
+    frames: dict[str, list[Frame]] = {name: [] for name in options.techniques}
+    with (
+        _renderer(main, measured=False, samples=options.samples) as renderer,
+        cell_cache(scenes, renderer, capacity=options.cache) as cache,
+    ):
         device = renderer.device
-        with (
-            cell_cache(scenes, renderer, measured=True, capacity=options.cache) as cache,
-            _judge(main, renderer, cache, options) as judge,
-        ):
-            for done, ((_, pose), cell) in enumerate(zip(poses, cells, strict=True)):
-                tell("views", done, views)
-                view = pose.view(camera)
-                full = make_technique("full", scenes).plan(view, now=0.0, budget=Budget())
-                truth = judge.truth(full, pose, cell)
-                for name in options.techniques:
-                    technique = make_technique(name, scenes)
-                    plan = technique.plan(view, now=0.0, budget=Budget())
-                    judge.score(technique, plan, pose, truth, cell=cell)
-                    frames = [renderer.draw(plan, view, read=False) for _ in range(_TIMINGS)]
-                    times[name].append(float(np.median([frame.seconds for frame in frames])))
-                    sent[name].append((frames[0].triangles, frames[0].draws))
-            tell("views", views, views)
-            scores = by_technique(judge.results())
-            worst = worst_views(judge, options.techniques, out)
+        for done, (_, pose) in enumerate(poses):
+            tell("views timed", done, views)
+            view = pose.view(camera)
+            for name in options.techniques:
+                plan = make_technique(name, scenes).plan(view, now=0.0, budget=Budget())
+                cache.want(plan.cells)
+                cache.require(plan.cells)
+                again = [renderer.draw(plan, view, read=False) for _ in range(_TIMINGS)]
+                frames[name].append(sorted(again, key=lambda frame: frame.seconds)[_TIMINGS // 2])
+    with (
+        _renderer(main, measured=True, samples=0) as renderer,
+        cell_cache(scenes, renderer, measured=True, capacity=options.cache) as cache,
+        _judge(main, renderer, cache, options) as judge,
+    ):
+        for done, ((_, pose), cell) in enumerate(zip(poses, cells, strict=True)):
+            tell("views scored", done, views)
+            view = pose.view(camera)
+            full = make_technique("full", scenes).plan(view, now=0.0, budget=Budget())
+            truth = judge.truth(full, pose, cell)
+            for name in options.techniques:
+                technique = make_technique(name, scenes)
+                judge.score(technique, technique.plan(view, now=0.0, budget=Budget()), pose, truth, cell=cell)
+        tell("views scored", views, views)
+        scores = by_technique(judge.results())
+        worst = worst_views(judge, options.techniques, out)
     techniques = {
         name: summarise([one.errors for one in scores[name]])
-        | {"pop": None, "frame_ms": frame_summary(times[name]), "gpu_ms": None, "loading": None}
-        | mean_sent(sent[name])
+        | {
+            "pop": None,
+            "frame_ms": frame_summary([frame.seconds for frame in frames[name]]),
+            "gpu_ms": gpu_times([frame.gpu_seconds for frame in frames[name]]),
+            "loading": None,
+        }
+        | mean_sent([(frame.triangles, frame.draws) for frame in frames[name]])
         for name in options.techniques
     }
     report = report_of(main, device, mode="views", views=views, seed=seed, techniques=techniques)
@@ -168,6 +186,13 @@ def compare_walk(
     if not isinstance(walk, Walk):
         walk = walk(main)
     steps = walk.frames(options.frames_per_second)
+    panels = len({"full", *options.techniques})
+    size = 3 * main.camera.width * main.camera.height * panels * len(steps)
+    if options.video == "webp" and size > _LONGEST_WEBP:
+        raise ParameterError(
+            f"--video: an animated WebP of at most {_LONGEST_WEBP >> 20} MB of frames expected, found {size >> 20} MB; "
+            "make it an mp4, or the walk shorter"
+        )
     places = _places(main, walk, options)
     scenes = _scenes(main, out, places, options, tell)
 
@@ -199,7 +224,7 @@ def compare_walk(
         | {
             "pop": pops_of(pops[name], sum(frame.entered for frame in runs[name])) if name in LAYERED else None,
             "frame_ms": frame_summary([frame.total for frame in runs[name]]),
-            "gpu_ms": gpu_times(runs[name]),
+            "gpu_ms": gpu_times([frame.gpu for frame in runs[name]]),
             "loading": loading_of(loads[name], runs[name]) if name in LAYERED else None,
         }
         | mean_sent([(frame.triangles, frame.draws) for frame in runs[name]])
@@ -230,11 +255,13 @@ def compare_walk(
 
 
 def _open(dataset: Path, out: Path) -> Scene:
-    """The scene of a dataset, with a folder for its report; neither inside the other, so that no build removes a report."""
+    """The scene of a dataset, with a folder for its report outside of it, where no build touches the dataset."""
     found: Dataset = open_dataset(dataset)
-    inside = out.resolve()
-    if inside == found.path.resolve() or found.path.resolve() in inside.parents:
+    here, inside = found.path.resolve(), out.resolve()
+    if here in (inside, *inside.parents, (inside / "single-mesh").resolve()):
         raise ParameterError(f"{out}: a folder outside the dataset {dataset} expected")
+    if found.manifest["parameters"]["layering"] == "single":
+        raise ParameterError(f"{dataset}: a dataset of several layers expected, found one built with --layering single")
     out.mkdir(parents=True, exist_ok=True)
     return open_scene(found, name="multi-mesh")
 
@@ -293,10 +320,13 @@ def _score_walk(
         for name in options.techniques
         if name in LAYERED
     }
-    around = {i for some in entered.values() for entry in some for i in (entry - 1, entry)}
+    # A fade is over some frames after the cell was entered.
+    after = 1 + math.ceil(options.fade * options.frames_per_second)
+    popping = {name: {i for entry in some for i in range(entry, entry + after)} for name, some in entered.items()}
+    around = {i + step for some in popping.values() for i in some for step in (-1, 0)} if options.flip else set()
+    largest: dict[tuple[str, int], float] = {}
     techniques: dict[str, Technique] = {name: make_technique(name, scenes, fade=options.fade) for name in runs}
     full = make_technique("full", scenes)
-    pops: dict[str, list[float]] = {name: [] for name in options.techniques}
     names = ["full", *(name for name in options.techniques if name != "full")]
     film = _Film(out, names, options)
     with (
@@ -326,14 +356,17 @@ def _score_walk(
                     cache.want(plan.cells)
                     cache.require(plan.cells)
                     shown[name] = renderer.draw(plan, view)
-            for name, some in entered.items():
-                if step.index in some and options.flip:
-                    pops[name].append(pop(before[name], shown[name], before["full"], shown["full"]))
+            for name, some in popping.items():
+                if step.index in some and options.flip and not step.cut:
+                    entry = max(i for i in entered[name] if i <= step.index)
+                    found = pop(before[name], shown[name], before["full"], shown["full"])
+                    largest[name, entry] = max(found, largest.get((name, entry), -1.0))
             add([shown[name].color for name in names] if film.wanted else [])
             before = shown
         tell("frames", len(steps), len(steps))
         scores = by_technique(judge.results())
         worst = worst_views(judge, options.techniques, out)
+    pops = {name: [value for (other, _), value in largest.items() if other == name] for name in options.techniques}
     return scores, pops, worst, film.files
 
 

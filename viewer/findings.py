@@ -140,10 +140,10 @@ def mean_sent(counts: Sequence[tuple[int, int]]) -> dict[str, float]:
     return {"triangles": triangles, "draws": draws}
 
 
-def gpu_times(run: Sequence[FrameTimes]) -> dict[str, float] | None:
+def gpu_times(seconds: Sequence[float | None]) -> dict[str, float] | None:
     """Percentiles of what the GPU reports, milliseconds; None where it does not."""
-    times = [frame.gpu for frame in run if frame.gpu is not None]
-    return frame_summary(times) if len(times) == len(run) else None
+    times = [one for one in seconds if one is not None]
+    return frame_summary(times) if times else None
 
 
 def loading_of(report: CacheReport, run: Sequence[FrameTimes]) -> dict[str, Any]:

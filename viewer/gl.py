@@ -116,15 +116,20 @@ class Renderer:
                 f"no OpenGL 3.3 context through EGL ({error}); on Debian or Ubuntu, "
                 "'apt-get install libegl1 libgl1-mesa-dri' brings software rendering"
             ) from error
-        with self._context:  # another library's context may be current, here and whenever we are called again
-            if samples > self._context.max_samples:
-                raise CaptureError(f"at most {self._context.max_samples} samples a pixel here, found {samples}")
-            self.device = str(self._context.info["GL_RENDERER"])
-            """Name of what draws (``llvmpipe ...`` is software)."""
-            self._prepare(mesh, ground, size, measured, samples)
+        try:
+            with self._context:  # another library's context may be current, here and whenever we are called again
+                if samples > self._context.max_samples:
+                    raise CaptureError(f"at most {self._context.max_samples} samples a pixel here, found {samples}")
+                self.device = str(self._context.info["GL_RENDERER"])
+                """Name of what draws (``llvmpipe ...`` is software)."""
+                self._prepare(mesh, ground, size, measured, samples)
+        except BaseException:
+            self._context.release()
+            raise
 
     def _prepare(self, mesh: CityMesh, ground: CityMesh, size: tuple[int, int], measured: bool, samples: int) -> None:
         self.size, self.measured, self._samples = size, measured, samples
+        self._timer = self._context.query(time=True)
         self._finish = _finish_without_lock() or self._context.finish
         self._modes = (False, True) if measured else (False,)
         self._programs = {(kind, mode): self._program(kind, mode) for kind in KINDS for mode in self._modes}
@@ -193,12 +198,11 @@ class Renderer:
             raise ValueError("a renderer made with measured=True expected")
         with self._context:
             start = time.perf_counter()
-            query = self._context.query(time=True)
-            with query:
+            with self._timer:
                 triangles, draws = self._draw(plan, view, measured)
             self._finish()
             seconds = time.perf_counter() - start
-            sent = (seconds, query.elapsed * 1e-9, triangles, draws)
+            sent = (seconds, self._timer.elapsed * 1e-9, triangles, draws)
             color = self._color(measured) if read else np.empty((0, 0, 3), dtype=np.uint8)
             if not measured:
                 return Frame(color, None, None, None, *sent)
@@ -277,6 +281,8 @@ class Renderer:
         ]
 
     def _draw_layers(self, draw: CellLayers, eye: NDArray[np.float64], measured: bool) -> list[int]:
+        if not draw.names:
+            return []
         cell = self._cells[draw.cell]
         if draw.names not in cell.sets:
             if len(cell.sets) >= _MOST_VIEWS:

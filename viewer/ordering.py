@@ -4,7 +4,7 @@ A mesh lies off the captured surface where one of its quads spans two objects. T
 are right, and a displacement of the surface within its layer is what the layering bounds. It does harm where something else
 is in between: the z-buffer then lets the wrong one win. This module finds those triangles, from the reference viewpoint:
 between a texel's captured depth and its mesh lies the ground, or, within the largest displacement around it, a surface of
-another layer.
+another layer. (Near objects are not looked at: they are drawn as geometry, and hardly ever stand behind far ones.)
 
 Surfaces are compared in a coarse panorama around the reference viewpoint: bins of azimuth and slope, each with the range of
 horizontal distances that a layer covers there.

@@ -14,6 +14,7 @@ import signal
 from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from types import TracebackType
@@ -83,7 +84,9 @@ class Judge:
         self._panorama: tuple[str, dict[int, tuple[View, NDArray[np.float32]]]] = ("", {})
         self._pool: ProcessPoolExecutor | None = None
         if workers > 1:
-            self._pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_ignore_interrupts)
+            # No more than can be busy at a time.
+            processes = min(workers, _PENDING + 1)
+            self._pool = ProcessPoolExecutor(processes, get_context("spawn"), initializer=_ignore_interrupts)
             with without_interrupts():  # the first task starts all processes
                 self._pool.submit(os.getpid)
         self._pending: list[tuple[_Where, Frame, Frame, Future[ViewErrors]]] = []
@@ -127,7 +130,8 @@ class Judge:
         if self._pool is None:
             self._settle(where, frame, shown, _compare(*task))
         else:
-            self._pending.append((where, frame, shown, self._pool.submit(_compare, *task)))
+            with _while_alive():
+                self._pending.append((where, frame, shown, self._pool.submit(_compare, *task)))
         if len(self._pending) > _PENDING:
             self._settle_first()
         return shown
@@ -146,10 +150,8 @@ class Judge:
 
     def _settle_first(self) -> None:
         where, truth, shown, future = self._pending.pop(0)
-        try:
+        with _while_alive():
             errors = future.result()
-        except BrokenProcessPool as error:
-            raise CaptureError("a process that compares pictures ended unexpectedly (out of memory?)") from error
         self._settle(where, truth, shown, errors)
 
     def _settle(self, where: _Where, truth: Frame, shown: Frame, errors: ViewErrors) -> None:
@@ -198,6 +200,14 @@ class _Where(NamedTuple):
 
 def _compare(truth: Frame, shown: Frame, focal: float, disoccluded: NDArray[np.bool_], flip: bool) -> ViewErrors:
     return view_errors(truth, shown, focal=focal, disoccluded=disoccluded, flip=flip)
+
+
+@contextmanager
+def _while_alive() -> Iterator[None]:
+    try:
+        yield
+    except BrokenProcessPool as error:
+        raise CaptureError("a process that compares pictures ended unexpectedly (out of memory?)") from error
 
 
 def _ignore_interrupts() -> None:

@@ -55,7 +55,7 @@ class CellCache:
     """Cells in memory: what is needed, and of the rest as much as fits into ``capacity`` bytes. Use as a context manager.
 
     ``load`` reads a cell and runs in the background thread; what it raises is raised again by the next call here. Between
-    pieces of its work it calls what it gets as second argument, which lets it rest unless the cell is waited for.
+    pieces of its work it calls what it gets as second argument, which lets it rest unless a cell is waited for.
     ``size`` foretells what a cell takes.
     """
 
@@ -64,7 +64,7 @@ class CellCache:
         self._lock = threading.Condition()  # guards the next ones, which both threads use
         self._wanted: list[CellKey] = []  # most urgent first
         self._loading: CellKey | None = None
-        self._urgent: CellKey | None = None
+        self._waited_for = False
         self._working_since = 0.0
         self._arrived: dict[CellKey, LoadedCell] = {}
         self._failure: BaseException | None = None
@@ -138,13 +138,14 @@ class CellCache:
         for cell in missing:
             with self._lock:
                 self._target.add(cell)
-                self._urgent = cell
+                self._waited_for = True
                 if cell not in self._bytes and cell != self._loading and cell not in self._arrived:
                     self._wanted = [cell, *(one for one in self._wanted if one != cell)]
                 self._lock.notify_all()
             while cell not in self._bytes:
                 with self._lock:
                     self._lock.wait_for(lambda cell=cell: self._failure or cell in self._arrived)  # type: ignore[misc]
+                    self._waited_for = False
                 self._take_in()
             while cell in self._uploading:
                 self._upload_one(cell)
@@ -229,8 +230,8 @@ class CellCache:
                     self._lock.notify_all()
 
     def _rest(self) -> None:
-        """Rest in proportion to the work since the last time, as long as nobody waits for the cell."""
+        """Rest in proportion to the work since the last time, as long as nobody waits for a cell."""
         with self._lock:
             worked = time.perf_counter() - self._working_since
-            self._lock.wait_for(lambda: self._closed or self._urgent == self._loading, timeout=_REST * worked)
+            self._lock.wait_for(lambda: self._closed or self._waited_for, timeout=_REST * worked)
         self._working_since = time.perf_counter()

@@ -71,6 +71,8 @@ def test_a_tour_is_saved_and_walked_again(capsys, dataset, tmp_path):
         (["--tour", "9", "--fps", "0"], "--fps"),
         (["--tour", "9", "--fade", "-1"], "--fade"),
         (["--antialias", "-2"], "--antialias"),
+        (["--antialias", "3"], "--antialias"),
+        (["--tour", "9000", "--video", "webp"], "--video.*mp4"),
         (["--cache", "0"], "--cache"),
         (["--cache", "nan"], "--cache"),
         (["--cache", "inf"], "--cache"),

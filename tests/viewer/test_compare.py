@@ -129,3 +129,33 @@ def test_no_dataset_and_a_report_inside_of_one_are_refused(dataset, tmp_path):
     with pytest.raises(ParameterError, match="outside"):
         compare_views(dataset.path, dataset.path / "report", views=1)
     assert not (dataset.path / "report").exists()
+
+
+def test_the_baseline_is_not_compared_with_itself_nor_built_over_what_is_compared(single, dataset, tmp_path):
+    with pytest.raises(ParameterError, match="single"):
+        compare_views(single.dataset.path, tmp_path / "out", views=1)
+    (tmp_path / "single-mesh").symlink_to(dataset.path)
+    with pytest.raises(ParameterError, match="outside"):
+        compare_views(tmp_path / "single-mesh", tmp_path, views=1)
+
+
+def test_a_city_whose_objects_are_all_near_is_compared(tmp_path):
+    """Cells without a single layer."""
+    from cities import crossroads
+
+    from mmi.farm import build_dataset
+    from mmi.parameters import BuildParameters
+
+    build_dataset(crossroads(), tmp_path / "near", BuildParameters(near_distance=1000.0), cells=["0000-00"])
+    options = CompareOptions(techniques=("local", "single-mesh", "multi-mesh"), flip=False)
+    report = compare_views(tmp_path / "near", tmp_path / "out", views=2, options=options)
+    assert report["techniques"]["multi-mesh"]["wrong_share"] == 0.0
+
+
+def test_a_fade_pops_less_than_a_switch(dataset, tmp_path):
+    pops = []
+    for fade in (0.0, 0.5):
+        options = CompareOptions(techniques=("multi-mesh",), frames_per_second=10.0, scored=1, keep=0, fade=fade)
+        report = compare_walk(dataset.path, tmp_path / f"{fade}", WALK, options=options)
+        pops.append(report["techniques"]["multi-mesh"]["pop"]["max"])
+    assert pops[0] > pops[1] >= -0.01
