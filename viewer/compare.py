@@ -45,7 +45,7 @@ from viewer.techniques import LAYERED, TECHNIQUES, cell_cache, make_technique, s
 from viewer.video import VideoWriter
 from viewer.walk import Walk
 
-__all__ = ["CompareOptions", "compare_views", "compare_walk"]
+__all__ = ["CompareOptions", "Progress", "compare_views", "compare_walk"]
 
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and how much there is."""

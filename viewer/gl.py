@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import ctypes
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
 
@@ -25,6 +24,7 @@ from mmi.errors import CaptureError
 from mmi.ground import SKY_HORIZON, SKY_ZENITH
 from mmi.surfaces import CityMesh, triangles_of
 from viewer.backdrop import backdrop
+from viewer.buffers import CellBuffers, MeshBuffers, Program, Triangles
 from viewer.frame import Frame
 from viewer.loaded import LoadedCell, LoadedLayer
 from viewer.shaders import KINDS, program_source
@@ -39,64 +39,6 @@ _MOST_VIEWS = 16
 """Sets of layers of a cell kept as index buffers; a viewer who turns around meets a new one every few degrees."""
 _LAYER_VERTEX_BYTES = 24
 _SAMPLE_ALPHA_TO_COVERAGE = 0x809E
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Program:
-    """A program and those of its uniforms that the compiler has kept."""
-
-    program: Any
-    uniforms: Mapping[str, Any]
-
-    def set(self, values: Mapping[str, bytes]) -> None:
-        """Set uniforms; what the program does not use is passed over."""
-        for name, value in values.items():
-            if name in self.uniforms:
-                self.uniforms[name].write(value)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Mesh:
-    """Geometry on the GPU: vertices with their texture. ``mesh`` is what it was made from."""
-
-    mesh: CityMesh
-    vertices: Any
-    texture: Any
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Triangles:
-    """Some triangles of a mesh: ``arrays`` by whether frames are measured."""
-
-    count: int
-    arrays: Mapping[bool, Any]
-    indices: Any
-
-    def release(self) -> None:
-        for thing in (*self.arrays.values(), self.indices):
-            thing.release()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _CellBuffers:
-    """A cell's layers on the GPU: their atlas and vertices; of each layer that is there its triangles, as indices into all.
-
-    ``sets`` are the triangles of layers that were drawn together: plain ones, and those that need captured depths.
-    """
-
-    eye: NDArray[np.float64]
-    textures: tuple[Any, ...]
-    vertices: Any
-    first_vertex: Mapping[str, int]
-    triangles: dict[str, tuple[NDArray[np.int32], NDArray[np.int32]]]
-    sets: dict[tuple[str, ...], tuple[_Triangles, _Triangles]]
-
-    def release(self) -> None:
-        for pair in self.sets.values():
-            for some in pair:
-                some.release()
-        for thing in (*self.textures, self.vertices):
-            thing.release()
 
 
 class Renderer:
@@ -140,8 +82,8 @@ class Renderer:
         plain = backdrop(ground)
         self._backdrop = self._upload_mesh(plain, np.full(len(plain.positions), -2))
         self._beyond = self._triangles(self._backdrop, plain.triangles)
-        self._sets: dict[object, _Triangles] = {}
-        self._cells: dict[CellKey, _CellBuffers] = {}
+        self._sets: dict[object, Triangles] = {}
+        self._cells: dict[CellKey, CellBuffers] = {}
         self._screen = {
             (kind, mode): self._context.vertex_array(self._programs[kind, mode].program, [])
             for kind in ("sky", "fade")
@@ -266,7 +208,7 @@ class Renderer:
             if mode == measured:
                 program.set(values)
 
-    def _draw_set(self, mesh: _Mesh, some: _Triangles, measured: bool) -> list[int]:
+    def _draw_set(self, mesh: MeshBuffers, some: Triangles, measured: bool) -> list[int]:
         if not some.count:
             return []
         mesh.texture.use(0)
@@ -305,7 +247,7 @@ class Renderer:
             self._context.disable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
         return counts
 
-    def _layer_set(self, cell: _CellBuffers, names: tuple[str, ...]) -> tuple[_Triangles, _Triangles]:
+    def _layer_set(self, cell: CellBuffers, names: tuple[str, ...]) -> tuple[Triangles, Triangles]:
         """Triangles of some layers of a cell, in this order. Raises KeyError where one is not there."""
         parts = [cell.triangles[name] for name in names]
         layout = [(cell.vertices, "3f 3f", "position", "texture_from_capture")]
@@ -318,7 +260,7 @@ class Renderer:
                 for mode in self._modes
                 if len(triangles)
             }
-            sets.append(_Triangles(len(triangles), arrays, indices))
+            sets.append(Triangles(len(triangles), arrays, indices))
         return sets[0], sets[1]
 
     def _color(self, measured: bool) -> NDArray[np.uint8]:
@@ -334,7 +276,7 @@ class Renderer:
 
     # --------------------------------------------------------------------------------------------------- buffers
 
-    def _program(self, kind: str, measured: bool) -> _Program:
+    def _program(self, kind: str, measured: bool) -> Program:
         flags = ["MEASURED"] if measured and kind != "fade" else []
         if self._samples and not measured:
             flags.append("COVERAGE")
@@ -344,7 +286,7 @@ class Renderer:
         for unit, name in enumerate(("picture", "depths", "ids")):
             if name in members:
                 members[name].value = unit
-        return _Program(program, members)
+        return Program(program, members)
 
     def _framebuffer(self, measured: bool) -> Any:  # noqa: ANN401
         context, size = self._context, self.size
@@ -366,16 +308,16 @@ class Renderer:
         """The same picture without depth and measures."""
         return self._context.framebuffer([target.color_attachments[0]])
 
-    def _upload_mesh(self, mesh: CityMesh, objects: NDArray[np.int64]) -> _Mesh:
+    def _upload_mesh(self, mesh: CityMesh, objects: NDArray[np.int64]) -> MeshBuffers:
         layout = np.dtype([("position", "<f4", 3), ("uv", "<f4", 2), ("color", "u1", 4), ("object", "<i4")])
         vertices = np.zeros(len(mesh.positions), dtype=layout)
         vertices["position"], vertices["uv"] = mesh.positions, mesh.uv
         vertices["color"][:, :3], vertices["object"] = mesh.colors, objects
-        return _Mesh(mesh, self._context.buffer(vertices.tobytes()), self._texture(mesh.texture))
+        return MeshBuffers(mesh, self._context.buffer(vertices.tobytes()), self._texture(mesh.texture))
 
-    def _triangles(self, mesh: _Mesh, triangles: NDArray[np.int32]) -> _Triangles:
+    def _triangles(self, mesh: MeshBuffers, triangles: NDArray[np.int32]) -> Triangles:
         if not len(triangles):
-            return _Triangles(0, {}, self._context.buffer(reserve=4))
+            return Triangles(0, {}, self._context.buffer(reserve=4))
         indices = self._context.buffer(np.ascontiguousarray(triangles, dtype="<i4").tobytes())
         arrays = {}
         for mode in self._modes:
@@ -384,9 +326,9 @@ class Renderer:
                 layout.append("object")
             program = self._programs["geometry", mode].program
             arrays[mode] = self._context.vertex_array(program, [(mesh.vertices, *layout)], indices)
-        return _Triangles(len(triangles), arrays, indices)
+        return Triangles(len(triangles), arrays, indices)
 
-    def _kept(self, key: object, mesh: _Mesh, objects: NDArray[np.int64]) -> _Triangles:
+    def _kept(self, key: object, mesh: MeshBuffers, objects: NDArray[np.int64]) -> Triangles:
         """Triangles of some objects of a mesh, made when first drawn and kept until others were drawn more recently."""
         found = self._sets.pop(key, None)
         if found is None:
@@ -405,7 +347,7 @@ class Renderer:
         texture.repeat_x = texture.repeat_y = True
         return texture
 
-    def _cell_buffers(self, cell: LoadedCell) -> _CellBuffers:
+    def _cell_buffers(self, cell: LoadedCell) -> CellBuffers:
         """Room for all layers of a cell."""
         limit = self._context.info["GL_MAX_TEXTURE_SIZE"]
         if max(cell.size) > limit:
@@ -424,9 +366,9 @@ class Renderer:
         counts = [len(layer.vertices) for layer in cell.layers]
         first = dict(zip((layer.name for layer in cell.layers), np.cumsum([0, *counts]).tolist(), strict=False))
         vertices = self._context.buffer(reserve=max(sum(counts), 1) * _LAYER_VERTEX_BYTES)
-        return _CellBuffers(cell.eye, tuple(textures), vertices, first, {}, {})
+        return CellBuffers(cell.eye, tuple(textures), vertices, first, {}, {})
 
-    def _fill(self, cell: _CellBuffers, layer: LoadedLayer) -> None:
+    def _fill(self, cell: CellBuffers, layer: LoadedLayer) -> None:
         """Put a layer where there is room for it."""
         if self.measured and layer.object_ids is None:
             raise ValueError(f"layer {layer.name}: object ids expected for measuring, found none")
