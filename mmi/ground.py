@@ -16,7 +16,7 @@ from mmi.city import City
 from mmi.surfaces import CityMesh, triangulate
 from mmi.tiles import cut_polygons, grid_lines, match_borders
 
-__all__ = ["SKY_HORIZON", "SKY_ZENITH", "ground_mesh", "sky_color", "tile_bounds"]
+__all__ = ["GRAIN", "SKY_HORIZON", "SKY_ZENITH", "ground_mesh", "sky_color", "tile_bounds"]
 
 SKY_HORIZON = (214, 224, 232)
 """sRGB of the sky at and below the horizon."""
@@ -33,7 +33,8 @@ _STRIPES: tuple[tuple[float, _Color], ...] = (
 _GRASS: _Color = (0.63, 0.64, 0.56)
 _PAVED = 7.0  # metres of pavement around buildings
 _RAISED = 1.0  # metres above ground from which nothing stands on it
-_GRAIN = 12.8  # metres that the ground's texture covers
+GRAIN = 12.8
+"""Metres that the ground's texture covers."""
 
 
 def ground_mesh(city: City, *, margin: float, tile: float = 200.0) -> CityMesh:
@@ -68,7 +69,7 @@ def ground_mesh(city: City, *, margin: float, tile: float = 200.0) -> CityMesh:
     colors = np.rint(255.0 * np.array([color for _, color in surfaces])).astype(np.uint8)
     return CityMesh(
         positions=np.column_stack([plan[used], np.full(len(used), city.ground)]).astype(np.float32),
-        uv=((plan[used] - (x0, y0)) / _GRAIN).astype(np.float32),
+        uv=((plan[used] - (x0, y0)) / GRAIN).astype(np.float32),
         colors=colors[surface[used]],
         triangles=place[triangles],
         object_vertices=np.searchsorted(tiles[used], starts),

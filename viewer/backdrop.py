@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mmi.ground import GRAIN
 from mmi.surfaces import CityMesh
 
 __all__ = ["backdrop"]
@@ -16,8 +17,6 @@ _BELOW = 0.05
 """Metres below the ground: hidden by tiles, and no step that could be seen from where there are none."""
 _REACH = 12_000.0
 """Metres beyond the city; from eye height, the horizon of a flat world is less than a pixel above this."""
-_TEXTURE = 12.8
-"""Metres that the ground's texture covers, as in ``mmi.ground``."""
 
 
 def backdrop(ground: CityMesh) -> CityMesh:
@@ -31,7 +30,7 @@ def backdrop(ground: CityMesh) -> CityMesh:
     plan = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]], dtype=np.float64)
     return CityMesh(
         positions=np.column_stack([plan, np.full(4, level)]).astype(np.float32),
-        uv=(plan / _TEXTURE).astype(np.float32),
+        uv=(plan / GRAIN).astype(np.float32),
         colors=np.repeat(np.rint(color).astype(np.uint8)[None], 4, axis=0),
         triangles=np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32),
         object_vertices=np.array([0, 4]),

@@ -43,7 +43,7 @@ from viewer.summary import frame_summary, summarise
 from viewer.technique import Budget, Technique
 from viewer.techniques import LAYERED, TECHNIQUES, cell_cache, make_technique, single_mesh_scene
 from viewer.video import VideoWriter
-from viewer.walk import Walk
+from viewer.walk import Step, Walk
 
 __all__ = ["CompareOptions", "Progress", "compare_views", "compare_walk"]
 
@@ -193,7 +193,7 @@ def compare_walk(
             f"--video: an animated WebP of at most {_LONGEST_WEBP >> 20} MB of frames expected, found {size >> 20} MB; "
             "make it an mp4, or the walk shorter"
         )
-    places = _places(main, walk, options)
+    places = _places(main, steps)
     scenes = _scenes(main, out, places, options, tell)
 
     runs: dict[str, list[FrameTimes]] = {}
@@ -218,7 +218,7 @@ def compare_walk(
             loads[name] = cache.report
     tell("walks", len(options.techniques), len(options.techniques))
 
-    scores, pops, worst, videos = _score_walk(main, scenes, walk, runs, out, options, tell)
+    scores, pops, worst, videos = _score_walk(main, scenes, steps, runs, out, options, tell)
     techniques = {
         name: summarise([one.errors for one in scores[name]])
         | {
@@ -289,11 +289,11 @@ def _judge(scene: Scene, renderer: Renderer, cache: CellCache, options: CompareO
     return Judge(scene, renderer, cache, keep=options.keep, flip=options.flip, workers=options.workers)
 
 
-def _places(scene: Scene, walk: Walk, options: CompareOptions) -> list[str]:
+def _places(scene: Scene, steps: Sequence[Step]) -> list[str]:
     """The cells that a walk comes through."""
     names: list[str] = []
     current = None
-    for step in walk.frames(options.frames_per_second):
+    for step in steps:
         current = scene.whereabouts.cell_at(np.array(step.pose.eye), current=current)
         if current not in names[-1:]:
             names.append(current)
@@ -306,14 +306,13 @@ def _places(scene: Scene, walk: Walk, options: CompareOptions) -> list[str]:
 def _score_walk(
     main: Scene,
     scenes: Mapping[str, Scene],
-    walk: Walk,
+    steps: Sequence[Step],
     runs: Mapping[str, Sequence[FrameTimes]],
     out: Path,
     options: CompareOptions,
     tell: Progress,
 ) -> tuple[dict[str, list[Scored]], dict[str, list[float]], list[dict[str, Any]], list[str]]:
     """Walk again, all techniques side by side: scores of views spread over the walk, pops, the worst views, films."""
-    steps = walk.frames(options.frames_per_second)
     chosen = set(_spread(len(steps), options.scored))
     entered = {
         name: _some([i for i, frame in enumerate(runs[name]) if frame.entered], _MOST_POPS)

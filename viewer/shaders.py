@@ -1,8 +1,8 @@
 """The shaders that ``viewer.gl`` draws with, as GLSL 3.30 text: one pair for each kind of draw.
 
 ``MEASURED`` programs also put out, per pixel, the object, its depth along the axis, and by what angle an impostor's surface
-is displaced (-1 where geometry, ground or sky shows). ``CAPTURED_DEPTH`` is for triangles of layers that do not lie on the
-captured surface: each fragment takes the depth of the surface point that its texel captured, as this view sees it.
+is displaced (-1 where geometry, ground or sky shows). ``CAPTURED_DEPTH`` is for triangles of layers that need it
+(``viewer.ordering``): each fragment takes the depth of the surface point that its texel captured, as this view sees it.
 ``COVERAGE`` is for multisampling: silhouettes of layers become coverage of samples.
 """
 
