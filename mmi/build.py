@@ -27,8 +27,9 @@ from mmi.layering import assign_layers, event_graph, panorama_boxes
 from mmi.meshing import covered_windows, grid_mesh
 from mmi.parallax import critical_zone_weights
 from mmi.parameters import BuildParameters
+from mmi.ray_parallax import same_ray_weights, self_parallax
 from mmi.sectors import Walls, layer_views, texel_focal, walls_of
-from mmi.segmentation import near_by_distance, near_by_slope, near_by_triangles
+from mmi.segmentation import near_by_distance, near_by_parallax, near_by_slope, near_by_triangles
 from mmi.selection import Extractor, Selection, chain, everything
 from mmi.surfaces import CityMesh, build_city_mesh
 from mmi.visibility import Identify, horizon_extractor, item_buffer_extractor, prepare_horizon
@@ -49,6 +50,10 @@ __all__ = [
 
 _ALWAYS_NEAR = 4.0
 """Metres: what is closer to the cell than this is geometry whatever the triangle budget; a viewer could touch it."""
+_FINEST_QUAD = 8
+"""Texels: rays this close to each other count as one, since a mesh connects them."""
+_MESH_SHARE = 0.25
+"""Of the threshold: what a mesh may displace where depth does not jump."""
 _COLOR_REACH = 4
 """Texels that colour is dilated beyond silhouettes."""
 
@@ -90,13 +95,15 @@ class CellPlan:
     """What :func:`plan_cell` decided for a cell.
 
     ``pairs`` (m, 2) are indices into the city's objects of far objects that can overlap in the image, ``weights`` (m,)
-    their weights in radians (landmark factors not applied); ``graph`` is the graph of visibility events above the
-    threshold; ``layers`` are its colours: arrays of object indices.
+    their weights in radians (landmark factors not applied); ``parallax`` (n,) is the self-parallax of the selection's far
+    objects, where weights bound the error; ``graph`` is the graph of visibility events above the threshold; ``layers``
+    are its colours: arrays of object indices.
     """
 
     selection: Selection
     pairs: NDArray[np.int64]
     weights: NDArray[np.float64]
+    parallax: NDArray[np.float64] | None
     graph: nx.Graph
     layers: tuple[NDArray[np.int64], ...]
 
@@ -113,20 +120,23 @@ def landmark_factors(city: City, parameters: BuildParameters) -> dict[int, float
 def prepare_scene(city: City, parameters: BuildParameters) -> Scene:
     """Prepare ``city`` for planning and capturing its cells. Raises ParameterError for a landmark that is not there."""
     landmarks = landmark_factors(city, parameters)
-    mesh = build_city_mesh(city)
+    mesh, walls = build_city_mesh(city), walls_of(city)
     if parameters.near_triangles is None:
         nearby = near_by_distance(parameters.near_distance)
     else:
         nearby = chain(
             near_by_triangles(parameters.near_triangles, mesh.triangle_counts), near_by_distance(_ALWAYS_NEAR)
         )
+    stages = [nearby, near_by_slope(parameters.steepest)]
+    if parameters.weights == "same-ray":
+        stages.append(near_by_parallax(walls, parameters.max_angle, factors=landmarks))
     return Scene(
         city=city,
         parameters=parameters,
         mesh=mesh,
-        walls=walls_of(city),
+        walls=walls,
         visible=horizon_extractor(prepare_horizon(city)) if parameters.visibility == "horizon" else None,
-        near=chain(nearby, near_by_slope(parameters.steepest)),
+        near=chain(*stages),
         landmarks=landmarks,
     )
 
@@ -151,8 +161,14 @@ def plan_cell(
     far = selection.far
     objects = [scene.city.objects[i] for i in far]
     with watch.stage("weights"):
-        signed = parameters.weights == "critical-zone"
-        pairs, weights = critical_zone_weights(cell, objects, signed=signed)
+        parallax = None
+        if parameters.weights == "same-ray":
+            quad = _FINEST_QUAD / parameters.camera.focal
+            pairs, weights = same_ray_weights(cell, scene.walls, far, selection.sight, quad=quad)
+            parallax = self_parallax(scene.city, cell, scene.walls, far, selection.sight)
+        else:
+            signed = parameters.weights == "critical-zone"
+            pairs, weights = critical_zone_weights(cell, objects, signed=signed)
     with watch.stage("layering"):
         factors = {int(i): scene.landmarks[i] for i in far if i in scene.landmarks}
         graph = event_graph(far, pairs, weights, threshold=parameters.max_angle, factors=factors)
@@ -163,7 +179,7 @@ def plan_cell(
             [one.top for one in objects],
         )
         layers = assign_layers(graph, boxes, strategy=parameters.layering)
-    return CellPlan(selection, far[pairs], weights, graph, layers)
+    return CellPlan(selection, far[pairs], weights, parallax, graph, layers)
 
 
 def capture_layers(
@@ -171,6 +187,7 @@ def capture_layers(
 ) -> Iterator[Layer]:
     """The depth textures and grid meshes of a plan's layers, each sector of one after the other (paper section 5.1)."""
     parameters, watch, cell = scene.parameters, watch or Stopwatch(), plan.selection.cell
+    viewpoints = np.column_stack([cell.corners, np.full(4, cell.reference[2])])
     for index, objects in enumerate(plan.layers):
         with watch.stage("windows"):
             focal = texel_focal(scene.walls, objects, cell, parameters.camera.focal)
@@ -186,7 +203,7 @@ def capture_layers(
             del whole
             for part, texture in enumerate(parts):
                 with watch.stage("meshing"):
-                    mesh = grid_mesh(texture, quad=parameters.quad)
+                    mesh = grid_mesh(texture, viewpoints=viewpoints, tolerance=_MESH_SHARE * parameters.max_angle)
                     shown = np.unique(texture.object_ids[texture.coverage]).astype(np.int64)
                 yield Layer(index, sector, part, shown, texture, mesh)
         textures.close()

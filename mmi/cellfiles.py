@@ -259,10 +259,12 @@ def _layer_entry(layer: Layer, place: NDArray[np.uint32]) -> dict[str, Any]:
 
 
 def _largest_weight_px(scene: Scene, plan: CellPlan) -> float:
-    """The largest weight of a pair that shares a layer, in pixels at the centre of the display."""
+    """The largest weight of a pair that shares a layer, or self-parallax, in pixels at the centre of the display."""
     layer_of = {int(i): index for index, objects in enumerate(plan.layers) for i in objects}
     together = np.array([layer_of[int(a)] == layer_of[int(b)] for a, b in plan.pairs], dtype=bool)
     largest = float(np.max(plan.weights[together], initial=0.0))
+    if plan.parallax is not None:
+        largest = float(np.max(plan.parallax, initial=largest))
     return scene.parameters.camera.pixels_from_angle(min(largest, 1.5))
 
 

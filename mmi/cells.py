@@ -138,7 +138,7 @@ class _Piece:
     @property
     def chord(self) -> NDArray[np.float64]:
         """(2, 2) first and last point."""
-        return self.points[[0, -1]]
+        return self.points if len(self.points) == 2 else self.points[[0, -1]]
 
 
 def viewing_cells(
@@ -233,24 +233,37 @@ def spread(graph: nx.Graph, n: int) -> list[str]:
 
 def _streets(city: City) -> list[_Street]:
     """The city's streets by index, each from the joint of one node to that of the other."""
-    joint = {node: i for i, node in enumerate(city.streets.nodes)}
-    streets = []
-    for a, b, edge in city.streets.edges(data=True):
+    edges = list(city.streets.edges(data=True))
+    for _, _, edge in edges:
         width = edge.get("half_width", math.nan)
         if not (math.isfinite(width) and width > 0.0):
             raise CityError(f"{city.source}: street {edge['index']} needs a positive half_width, found {width!r}")
-        points = shapely.get_coordinates(edge["geometry"])
-        points = points[np.append(True, (np.diff(points, axis=0) != 0.0).any(axis=1))]
-        ends = [np.array([city.streets.nodes[node]["x"], city.streets.nodes[node]["y"]]) for node in (a, b)]
-        forward = np.hypot(*(points[0] - ends[0])) + np.hypot(*(points[-1] - ends[1]))
-        backward = np.hypot(*(points[0] - ends[1])) + np.hypot(*(points[-1] - ends[0]))
-        start, end = (a, b) if forward <= backward else (b, a)
-        streets.append(_Street(edge["index"], points, joint[start], joint[end], width, edge.get("name", "")))
+    joint = {node: i for i, node in enumerate(city.streets.nodes)}
+    at = np.array([(data["x"], data["y"]) for _, data in city.streets.nodes(data=True)]).reshape(-1, 2)
+    ends = np.array([(joint[a], joint[b]) for a, b, _ in edges], dtype=np.int64).reshape(-1, 2)
+    points, of = shapely.get_coordinates([edge["geometry"] for _, _, edge in edges], return_index=True)
+    new = np.ones(len(points), dtype=bool)
+    new[1:] = (of[1:] != of[:-1]) | (points[1:] != points[:-1]).any(axis=1)
+    points, of = points[new], of[new]
+    bounds = np.searchsorted(of, np.arange(len(edges) + 1))
+    first, last = points[bounds[:-1]], points[bounds[1:] - 1]
+    a, b = at[ends[:, 0]], at[ends[:, 1]]
+    forward = np.hypot(*(first - a).T) + np.hypot(*(last - b).T)
+    backward = np.hypot(*(first - b).T) + np.hypot(*(last - a).T)
+    ends = np.where((forward <= backward)[:, None], ends, ends[:, ::-1])
+    streets = [
+        _Street(edge["index"], points[low:high], start, end, edge["half_width"], edge.get("name", ""))
+        for (_, _, edge), (low, high), (start, end) in zip(
+            edges, itertools.pairwise(bounds.tolist()), ends.tolist(), strict=True
+        )
+    ]
     return sorted(streets, key=lambda street: street.index)
 
 
 def _chords(street: _Street, joints: Iterator[int]) -> list[_Piece]:
     """The street as chords within tolerance of its centre line, short ones merged where that stays so."""
+    if len(street.points) == 2:
+        return [_Piece(street, street.points, street.start, street.end)]
     kept = _simplified(street.points, CHORD_TOLERANCE)
     while True:
         candidates = []
@@ -370,8 +383,10 @@ def _cut(piece: _Piece, obstacles: NDArray[np.object_], joints: Iterator[int]) -
 
 def _split(piece: _Piece, max_length: float, joints: Iterator[int]) -> list[_Piece]:
     """A chord in equal parts of at most ``max_length`` metres."""
-    a, b = piece.chord
     n = max(1, math.ceil(_length(piece.chord) / max_length - 1e-9))
+    if n == 1:
+        return [_Piece(piece.street, piece.chord, piece.start, piece.end)]
+    a, b = piece.chord
     stops = a + np.linspace(0.0, 1.0, n + 1)[:, None] * (b - a)
     stops[-1] = b
     return _pieces(piece.street, [stops[k : k + 2] for k in range(n)], piece.start, piece.end, joints)

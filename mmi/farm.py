@@ -34,7 +34,7 @@ from mmi.dataset import FORMAT_VERSION, DatasetFolder, build_folder, readable_js
 from mmi.errors import DatasetError, MmiError, ParameterError
 from mmi.io.stored import city_from_json, city_to_json, fingerprint, object_fingerprints
 from mmi.parameters import BuildParameters
-from mmi.surfaces import CityMesh, mesh_of
+from mmi.surfaces import CityMesh
 
 __all__ = ["BuildSummary", "build_dataset", "cells_to_build", "without_interrupts"]
 
@@ -198,7 +198,7 @@ class _Worker:
         self.preparation = Stopwatch()
         with self.preparation.stage("preparation"):
             self.scene = prepare_scene(city, parameters)
-            self.prints = [_look(self.scene.mesh, i, one) for i, one in enumerate(object_fingerprints(city))]
+            self.prints = _looks(self.scene.mesh, object_fingerprints(city))
             self.capturer = Capturer(self.scene.mesh)
 
     def make(self, job: _Job) -> _Done:
@@ -224,13 +224,19 @@ class _Worker:
         return fingerprint([settings, _cell_values(job.cell), job.neighbours, ids, prints])
 
 
-def _look(mesh: CityMesh, index: int, shape: str) -> str:
-    """Fingerprint of an object with what it looks like, which depends on its neighbours: walls between them are blind."""
-    part = mesh_of(mesh, [index])
-    digest = hashlib.sha256(shape.encode())
-    for array in (part.positions, part.uv, part.colors, part.triangles):
-        digest.update(np.ascontiguousarray(array).data)
-    return digest.hexdigest()
+def _looks(mesh: CityMesh, shapes: list[str]) -> list[str]:
+    """Fingerprints of objects with what they look like, which depends on neighbours: walls between them are blind."""
+    ends, first = mesh.object_triangles, mesh.object_vertices[:-1]
+    triangles = mesh.triangles - np.repeat(first, np.diff(ends)).astype(np.int32)[:, None]
+    per_vertex = [np.ascontiguousarray(array) for array in (mesh.positions, mesh.uv, mesh.colors)]
+    prints = []
+    for i, shape in enumerate(shapes):
+        digest = hashlib.sha256(shape.encode())
+        for array in per_vertex:
+            digest.update(array[mesh.object_vertices[i] : mesh.object_vertices[i + 1]].data)
+        digest.update(triangles[ends[i] : ends[i + 1]].data)
+        prints.append(digest.hexdigest())
+    return prints
 
 
 def _run(

@@ -5,16 +5,17 @@ Neither belongs to impostors: both are drawn as they are, ground before layers, 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import Polygon
-from shapely.geometry.base import BaseGeometry
 
 from mmi import facades
 from mmi.city import City
 from mmi.surfaces import CityMesh, triangulate
-from mmi.tiles import cut_polygons, grid_lines, match_borders
+from mmi.tiles import grid_lines, match_borders, tile_boxes
 
 __all__ = ["GRAIN", "SKY_HORIZON", "SKY_ZENITH", "ground_mesh", "sky_color", "tile_bounds"]
 
@@ -31,6 +32,7 @@ _STRIPES: tuple[tuple[float, _Color], ...] = (
     (2.75, (0.72, 0.70, 0.66)),
 )
 _GRASS: _Color = (0.63, 0.64, 0.56)
+_COLORS = (*(color for _, color in _STRIPES), _GRASS)
 _PAVED = 7.0  # metres of pavement around buildings
 _RAISED = 1.0  # metres above ground from which nothing stands on it
 GRAIN = 12.8
@@ -49,24 +51,20 @@ def ground_mesh(city: City, *, margin: float, tile: float = 200.0) -> CityMesh:
     widths = [float(edge.get("half_width", 3.0)) for _, _, edge in city.streets.edges(data=True)]
     border = max([margin, _PAVED + 1.0, *(width + 4.0 for width in widths)])
     xs, ys = (grid_lines(low - border, high + border, spacing=tile) for low, high in ((x0, x1), (y0, y1)))
-    surfaces = _surfaces(city, shapely.box(xs[0], ys[0], xs[-1], ys[-1]))
-    pieces, of_surface, of_tile = cut_polygons(np.array([shape for shape, _ in surfaces], dtype=object), xs, ys)
-    filled = [triangulate(piece) for piece in pieces]
-    counts = np.array([len(points) for points, _ in filled])
-    plan, triangles, sources = match_borders(
-        np.concatenate([points for points, _ in filled]),
-        np.concatenate([one + first for (_, one), first in zip(filled, np.cumsum(counts) - counts, strict=True)]),
-        xs,
-        ys,
-    )
-    surface, tiles = (np.repeat(of, counts)[sources] for of in (of_surface, of_tile))
+    surfaces = _surfaces(city, xs, ys)
+    pieces, place = shapely.get_parts(surfaces.ravel(), return_index=True)
+    filled = shapely.area(pieces) > 0.0
+    points, corners, of = triangulate(pieces[filled])
+    of_tile, of_surface = np.divmod(place[filled][of], len(_COLORS))
+    plan, triangles, sources = match_borders(points, corners, xs, ys)
+    surface, tiles = of_surface[sources], of_tile[sources]
     triangles = triangles[np.argsort(tiles[triangles[:, 0]], kind="stable")]
-    used = np.unique(triangles)
+    used = np.flatnonzero(np.bincount(triangles.ravel()))
     used = used[np.argsort(tiles[used], kind="stable")]
     place = np.zeros(len(plan), dtype=np.int32)
     place[used] = np.arange(len(used))
     starts = np.append(np.unique(tiles[used]), tiles.max() + 1)
-    colors = np.rint(255.0 * np.array([color for _, color in surfaces])).astype(np.uint8)
+    colors = np.rint(255.0 * np.array(_COLORS)).astype(np.uint8)
     return CityMesh(
         positions=np.column_stack([plan[used], np.full(len(used), city.ground)]).astype(np.float32),
         uv=((plan[used] - (x0, y0)) / GRAIN).astype(np.float32),
@@ -90,20 +88,46 @@ def sky_color(directions: ArrayLike) -> NDArray[np.uint8]:
     return np.rint(np.array(SKY_HORIZON) * (1.0 - up) + np.array(SKY_ZENITH) * up).astype(np.uint8)
 
 
-def _surfaces(city: City, whole: BaseGeometry) -> list[tuple[BaseGeometry, _Color]]:
-    """What the ground consists of, and its colours; together the shapes cover ``whole``, each point of it once."""
-    widths = [float(edge.get("half_width", 3.0)) for _, _, edge in city.streets.edges(data=True)]
-    lines = [edge["geometry"] for _, _, edge in city.streets.edges(data=True)]
-    yards = shapely.simplify([one.footprint for one in city.objects if one.base <= city.ground + _RAISED], 0.5)
-    paved = shapely.buffer(yards, _PAVED, quad_segs=1)
-    surfaces: list[tuple[BaseGeometry, _Color]] = []
-    inner: BaseGeometry = Polygon()
-    for extra, color in _STRIPES:
-        # The outline is thinned to a finger's breadth before anything is cut, so that all sides see the same border.
-        wide = shapely.buffer(lines, np.array(widths) + extra, quad_segs=3)
-        outline = shapely.union_all(np.concatenate([wide, paved]) if extra == _STRIPES[-1][0] else wide).simplify(0.02)
-        outer = shapely.union(outline, inner)
-        surfaces.append((shapely.difference(outer, inner), color))
+def _surfaces(city: City, xs: NDArray[np.float64], ys: NDArray[np.float64]) -> NDArray[np.object_]:
+    """(tiles, surfaces): what each tile of the ground consists of; its shapes cover it, each point of it once.
+
+    Streets of one width are widened tile by tile, all that come near it at a time: that is quicker than one by one.
+    """
+    tiles = tile_boxes(xs, ys)
+    edges = [edge for _, _, edge in city.streets.edges(data=True)]
+    lines = np.array([edge["geometry"] for edge in edges], dtype=object)
+    widths, width = np.unique([float(edge.get("half_width", 3.0)) for edge in edges], return_inverse=True)
+    reach = widths.max(initial=0.0) + _STRIPES[-1][0]
+    tile, line = shapely.STRtree(lines).query(tiles, predicate="dwithin", distance=reach)
+    (street_tile, street_width), streets = _bundles(shapely.multilinestrings, lines[line], tile, width[line])
+    yards = shapely.get_parts(
+        shapely.simplify([one.footprint for one in city.objects if one.base <= city.ground + _RAISED], 0.5)
+    )
+    tile, yard = shapely.STRtree(yards).query(tiles, predicate="dwithin", distance=_PAVED)
+    (paved_tile, _), paved = _bundles(shapely.multipolygons, yards[yard], tile, np.zeros_like(tile))
+    surfaces: list[NDArray[np.object_]] = []
+    inner = np.full(len(tiles), Polygon(), dtype=object)
+    for extra, _ in _STRIPES:
+        shapes = np.full((len(tiles), len(widths) + 1), None, dtype=object)
+        shapes[street_tile, street_width] = shapely.buffer(streets, widths[street_width] + extra, quad_segs=3)
+        if extra == _STRIPES[-1][0]:
+            shapes[paved_tile, -1] = shapely.buffer(paved, _PAVED, quad_segs=1)
+        outline = shapely.union_all(shapely.intersection(shapes, tiles[:, None]), axis=1)
+        # The outline is thinned to a finger's breadth before it is cut out of others, so that all see the same border.
+        outer = shapely.union(shapely.simplify(outline, 0.02), inner)
+        surfaces.append(shapely.difference(outer, inner))
         inner = outer
-    surfaces.append((shapely.difference(whole, inner), _GRASS))
-    return surfaces
+    surfaces.append(shapely.difference(tiles, inner))
+    return np.stack(surfaces, axis=1)
+
+
+def _bundles(
+    collect: Callable[..., NDArray[np.object_]],
+    shapes: NDArray[np.object_],
+    tile: NDArray[np.int64],
+    kind: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.object_]]:
+    """Tiles and kinds (2, k), and the ``shapes`` (n,) of each as one; ``tile`` and ``kind`` (n,)."""
+    order = np.lexsort((kind, tile))
+    pairs, bundle = np.unique(np.stack([tile, kind])[:, order], axis=1, return_inverse=True)
+    return pairs, collect(shapes[order], indices=bundle.ravel())

@@ -12,6 +12,11 @@ An occludee is seen if in some column that one of its edges touches, the top of 
 hidden. The nearest point suffices: every other point of the object in that column is at least as far and no steeper (or
 below the eye, where anything in front hides it), so what hides the nearest point's top hides them all; and the ray to a
 point of roof or underside crosses an edge first.
+
+The same walk says from where an edge is seen and how far down: of each viewpoint that sees it the *bin* (viewpoints that
+follow each other share one), and the lowest height that one of them sees, since what a step hides at an edge's nearest
+point it hides farther along the column up to a greater height. Here edges count as facing a viewpoint also where they
+face what is within ``reach`` metres of it, since a viewpoint stands for its surroundings.
 """
 
 from __future__ import annotations
@@ -24,7 +29,10 @@ import shapely
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["Rings", "pack_rings", "sweep"]
+__all__ = ["BINS", "Rings", "pack_rings", "sweep"]
+
+BINS = 64
+"""Most bins of viewpoints: bits in which an edge says whence it is seen."""
 
 _STAIRS = 48
 """Most steps of a column's staircase. A step that finds it full is left out: less is hidden, nothing is lost."""
@@ -76,15 +84,21 @@ def sweep(
     seen: NDArray[np.bool_],
     *,
     columns: int,
-) -> None:
-    """Marks in ``seen`` (objects,) every object that some of ``viewpoints`` (k, 3) may see.
+    reach: float,
+) -> tuple[NDArray[np.float64], NDArray[np.uint64]]:
+    """Marks in ``seen`` (objects,) every object that some of ``viewpoints`` (k, 3) may see; how low and whence, edge by edge.
 
     ``occluders`` hide with their height, from the ground up, and are looked at in ``order`` (r,): nearest first makes
-    the rest cheap. Ring i of ``occludees`` belongs to object ``owners[i]``; objects already in ``seen`` are
-    not looked at. No viewpoint may lie on an occluder's ring.
+    the rest cheap. Ring i of ``occludees`` belongs to object ``owners[i]``. No viewpoint may lie on an occluder's ring.
+
+    Returns for each edge of ``occludees`` (e,), counted by its first vertex, the lowest height of it that may be seen
+    (-inf: nothing hides it, inf: everything), and a set of bits: bit i where a viewpoint of bin i sees something of it.
+    The k viewpoints fall into min(k, BINS) bins of successive ones.
     """
     turn = np.arange(columns) * (2.0 * math.pi / columns)
     rays = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    lowest = np.full(len(occludees.xy), math.inf)
+    sight = np.zeros(len(occludees.xy), dtype=np.uint64)
     _sweep(
         viewpoints,
         occluders.xy,
@@ -98,8 +112,12 @@ def sweep(
         occludees.boxes,
         owners,
         seen,
+        lowest,
+        sight,
+        reach,
         rays,
     )
+    return lowest, sight
 
 
 @njit(cache=True, error_model="numpy")
@@ -116,9 +134,13 @@ def _sweep(
     wall_boxes: NDArray[np.float64],
     wall_owners: NDArray[np.int64],
     seen: NDArray[np.bool_],
+    lowest: NDArray[np.float64],
+    sight: NDArray[np.uint64],
+    reach: float,
     rays: NDArray[np.float64],
 ) -> None:
     columns = len(rays)
+    bins = min(len(viewpoints), BINS)
     steps = np.empty((columns, _STAIRS, 2))
     counts = np.empty(columns, dtype=np.int64)
     for v in range(len(viewpoints)):
@@ -131,20 +153,27 @@ def _sweep(
         for ring in range(len(wall_heights)):
             owner = wall_owners[ring]
             height = wall_heights[ring] - eye
-            if seen[owner] or _box_hidden(wall_boxes[ring], x, y, height, steps, counts):
+            if _box_hidden(wall_boxes[ring], x, y, height, steps, counts):
                 continue
-            seen[owner] = _ring_seen(
-                wall_xy, wall_starts[ring], wall_starts[ring + 1], x, y, height, rays, steps, counts
-            )
+            start, end = wall_starts[ring], wall_starts[ring + 1]
+            bit = np.uint64(1) << np.uint64(v * bins // len(viewpoints))
+            if _ring_seen(wall_xy, start, end, x, y, eye, height, reach, bit, rays, steps, counts, lowest, sight):
+                seen[owner] = True
 
 
 @njit(cache=True, error_model="numpy")
 def _hidden(column: int, distance: float, slope: float, steps: NDArray[np.float64], counts: NDArray[np.int64]) -> bool:
     """Whether a point at ``distance`` and ``slope`` is behind and below a step of the column's staircase."""
+    return _skyline(column, distance, steps, counts) >= slope
+
+
+@njit(cache=True, error_model="numpy")
+def _skyline(column: int, distance: float, steps: NDArray[np.float64], counts: NDArray[np.int64]) -> float:
+    """The slope up to which a point at ``distance`` is hidden; -inf where nothing is in front of it."""
     i = counts[column] - 1
     while i >= 0 and steps[column, i, 0] >= distance:
         i -= 1
-    return bool(i >= 0 and steps[column, i, 1] >= slope)
+    return steps[column, i, 1] if i >= 0 else -math.inf
 
 
 @njit(cache=True, error_model="numpy")
@@ -278,45 +307,65 @@ def _ring_seen(
     end: int,
     x: float,
     y: float,
+    eye: float,
     height: float,
+    reach: float,
+    bit: np.uint64,
     rays: NDArray[np.float64],
     steps: NDArray[np.float64],
     counts: NDArray[np.int64],
+    lowest: NDArray[np.float64],
+    sight: NDArray[np.uint64],
 ) -> bool:
-    """Whether the top of an edge of the ring shows in a column that it touches. Edges that face away are left out."""
+    """Whether the top of an edge of the ring shows in a column that it touches. Edges that face away are left out.
+
+    Of those that face the viewpoint or what is within ``reach`` of it, ``lowest`` and ``sight`` are brought up to date.
+    """
     columns = len(counts)
     scale = columns / (2.0 * math.pi)
-    ax, ay = xy[end - 1, 0] - x, xy[end - 1, 1] - y
-    a_turn, a_far = math.atan2(ay, ax) * scale, math.hypot(ax, ay)
-    for b in range(start, end):
-        bx, by = xy[b, 0] - x, xy[b, 1] - y
-        b_turn, b_far = math.atan2(by, bx) * scale, math.hypot(bx, by)
+    shows = False
+    for first in range(start, end):
+        second = first + 1 if first + 1 < end else start
+        ax, ay, bx, by = xy[first, 0] - x, xy[first, 1] - y, xy[second, 0] - x, xy[second, 1] - y
+        ex, ey = bx - ax, by - ay
+        cross = ax * ey - ay * ex
+        length = math.hypot(ex, ey)
+        if cross > reach * length:
+            continue
+        facing = cross <= 0.0
+        if not facing:
+            ax, ay, bx, by, ex, ey = bx, by, ax, ay, -ex, -ey
+        a_turn, b_turn = math.atan2(ay, ax) * scale, math.atan2(by, bx) * scale
+        a_far, b_far = math.hypot(ax, ay), math.hypot(bx, by)
         down = b_turn + columns * round((a_turn - b_turn) / columns)
-        if down - a_turn < _RADIAL:
-            ex, ey = bx - ax, by - ay
+        if not facing:
             cross = ax * ey - ay * ex
-            length2 = ex * ex + ey * ey
-            t = -(ax * ex + ay * ey) / length2 if length2 > 0.0 else 0.0
-            if t <= 0.0:
-                foot, foot_column = a_far, math.floor(a_turn)
-            elif t >= 1.0:
-                foot, foot_column = b_far, math.floor(down)
-            else:
-                foot = math.hypot(ax + t * ex, ay + t * ey)
-                foot_turn = math.atan2(ay + t * ey, ax + t * ex) * scale
-                foot_column = math.floor(foot_turn + columns * round((a_turn - foot_turn) / columns))
-            radial = a_turn - down < _RADIAL
-            nearest = a_far
-            for column in range(math.floor(max(a_turn, down)), math.floor(min(a_turn, down)) - 1, -1):
-                # the edge in this column runs from ``nearest`` to ``leaving``
-                leaving = b_far
-                if column > down:
-                    ray = column % columns
-                    leaving = cross / (rays[ray, 0] * ey - rays[ray, 1] * ex)
-                at_foot = radial or abs(column - foot_column) <= 1 or not leaving >= foot
-                distance = (foot if at_foot else min(nearest, leaving)) * (1.0 - 1e-9)
-                if not _hidden(column % columns, distance, height / distance, steps, counts):
-                    return True
-                nearest = leaving
-        ax, ay, a_far, a_turn = bx, by, b_far, b_turn
-    return False
+        t = -(ax * ex + ay * ey) / length**2 if length > 0.0 else 0.0
+        if t <= 0.0:
+            foot, foot_column = a_far, math.floor(a_turn)
+        elif t >= 1.0:
+            foot, foot_column = b_far, math.floor(down)
+        else:
+            foot = math.hypot(ax + t * ex, ay + t * ey)
+            foot_turn = math.atan2(ay + t * ey, ax + t * ex) * scale
+            foot_column = math.floor(foot_turn + columns * round((a_turn - foot_turn) / columns))
+        radial = a_turn - down < _RADIAL
+        nearest = a_far
+        for column in range(math.floor(max(a_turn, down)), math.floor(min(a_turn, down)) - 1, -1):
+            # the edge in this column runs from ``nearest`` to ``leaving``
+            leaving = b_far
+            if column > down:
+                ray = column % columns
+                leaving = cross / (rays[ray, 0] * ey - rays[ray, 1] * ex)
+            at_foot = radial or abs(column - foot_column) <= 1 or not leaving >= foot
+            distance = (foot if at_foot else min(nearest, leaving)) * (1.0 - 1e-9)
+            nearest = leaving
+            hidden_slope = _skyline(column % columns, distance, steps, counts)
+            if hidden_slope < height / distance:
+                shows = shows or facing
+                sight[first] |= bit
+                if hidden_slope == -math.inf:
+                    lowest[first] = -math.inf
+                    break
+                lowest[first] = min(lowest[first], eye + hidden_slope * distance)
+    return shows

@@ -1,12 +1,17 @@
-"""Depth textures -> grid meshes: a regular grid over the window, lifted to depth (paper section 5.1, DESIGN section 4).
+"""Depth textures -> grid meshes, as coarse as the error that they may add allows (paper section 5.1, DESIGN section 4).
 
-Vertices sit on capture rays, at depths fitted to the texels around them in 1/z, in which planes are linear. Quads without
-coverage go (parts of split ones too); silhouettes come from the texture's coverage, so the grid reaches just beyond them.
+The window is cut into rectangles of whole texels, and those are cut on until the surface drawn lies close enough to what was
+captured: seen from the cell's corners no texel is displaced by more than a tolerance. Flat walls stay large rectangles, as
+planes are linear in 1/z and a triangle shows them exactly; cuts fall on corners and silhouettes, where depth bends or jumps.
+Rectangles shrink to what they hold of the captured surfaces; silhouettes themselves come from the texture's coverage, so the
+mesh reaches a texel beyond them.
 
-Texture coordinates are stored per vertex, and a graphics card interpolates them perspectively, which over a quad whose
-corners differ in depth is not what the capture saw. Such quads are split until the difference is below a tenth of a texel.
-Splitting keeps 1/z linear along every grid edge, so that a quad split more finely than its neighbour still shares the
-neighbour's edge as a line in space: no cracks.
+Vertices sit on capture rays, on the plane through the texels around them that belong to one surface. Rectangles meet others
+along parts of their sides; each is triangulated with all vertices on its outline, so there are no cracks.
+
+Texture coordinates are stored per vertex, and a graphics card interpolates them perspectively, which over a triangle whose
+corners differ in depth is not what the capture saw. Rectangles are cut until the difference is below a quarter of a texel.
+(The viewer of this project uses projective coordinates, for which there is no difference.)
 """
 
 from __future__ import annotations
@@ -17,10 +22,12 @@ from numpy.typing import NDArray
 
 from mmi.impostor import DepthTexture, GridMesh
 
-__all__ = ["covered_windows", "grid_mesh"]
+__all__ = ["covered_windows", "displacement", "grid_mesh"]
 
-_FINEST = 8  # a quad is split into at most this many a side
-_UV_ERROR = 0.1  # texels
+_LARGEST = 64  # texels: the rectangles that cutting begins with
+_UV_ERROR = 0.25  # texels
+_REACH = 3  # texels around a vertex that its depth is fitted to
+_ONE_SURFACE = 0.01  # relative difference of depths between neighbouring texels of one surface, at most
 _PART = 4096  # texels: a picture of its own costs about as much as so many empty texels
 
 
@@ -54,88 +61,113 @@ def _area(span: tuple[int, int, int, int]) -> int:
     return (span[1] - span[0] + 1) * (span[3] - span[2] + 1)
 
 
-def grid_mesh(texture: DepthTexture, *, quad: int = 16) -> GridMesh:
-    """The mesh of one depth texture.
+def grid_mesh(
+    texture: DepthTexture, *, viewpoints: NDArray[np.float64], tolerance: float
+) -> GridMesh:
+    """The mesh of one depth texture, off by no more than ``tolerance`` radians as seen from ``viewpoints`` (k, 3).
 
-    ``quad`` is the side of a grid cell in texels, a multiple of 8; the window's size must be a multiple of it, and
-    something covered. Raises ValueError if not.
+    Where depth jumps from one texel to the next, the mesh stretches between the two, and texels next to the jump may be
+    displaced by as much as it is; :func:`displacement` measures what remains. Raises ValueError where nothing is covered.
     """
-    left, top, width, height = texture.view.window
-    covered = texture.coverage
-    if quad % _FINEST or width % quad or height % quad or not covered.any():
-        raise ValueError(f"a covered window of whole quads of {quad} texels expected, found {width} x {height}")
-    inverse = _fit(texture.depth, quad)
-    inverse = _spread(inverse)
-    shown = _blocks_with_coverage(covered, quad // _FINEST)
-    lattice, weights, triangles = _triangulate(inverse, shown, _splits(inverse, quad))
-    uv = lattice / np.array([width, height]) * (quad / _FINEST)
-    u = left + lattice[:, 0] * (quad / _FINEST)
-    v = top + lattice[:, 1] * (quad / _FINEST)
-    vertices = texture.view.unproject(u, v, 1.0 / weights)
+    if not texture.coverage.any():
+        raise ValueError("a depth texture that shows something expected, found an empty one")
+    left, top, _, _ = texture.view.window
+    offsets = viewpoints @ texture.view.eye_from_world[:3, :3].T + texture.view.eye_from_world[:3, 3]
+    inverse = np.where(texture.coverage, 1.0 / texture.depth.astype(np.float64), 0.0)
+    frame = (float(left), float(top), texture.view.focal)
+    lattice, triangles, values = _mesh(inverse, frame, offsets, 2.0 * np.sin(0.5 * tolerance))
+    width, height = texture.view.window[2:]
+    vertices = texture.view.unproject(left + lattice[:, 0], top + lattice[:, 1], 1.0 / values)
+    uv = lattice / np.array([width, height])
     return GridMesh(vertices.astype(np.float32), uv.astype(np.float32), triangles)
 
 
-@njit(cache=True)
-def _fit(depth: NDArray[np.float32], quad: int) -> NDArray[np.float64]:
-    """1/z at the grid's vertices (rows + 1, columns + 1): a plane fitted to the texels of the four quads around each.
+def displacement(texture: DepthTexture, mesh: GridMesh, viewpoints: NDArray[np.float64]) -> float:
+    """Radians: how far the mesh draws a captured texel from where it is, at most, seen from ``viewpoints`` (k, 3)."""
+    left, top, width, height = texture.view.window
+    offsets = viewpoints @ texture.view.eye_from_world[:3, :3].T + texture.view.eye_from_world[:3, 3]
+    depth = texture.view.project(mesh.vertices.astype(np.float64))[:, 2]
+    lattice = mesh.uv.astype(np.float64) * np.array([width, height])
+    inverse = np.where(texture.coverage, 1.0 / texture.depth.astype(np.float64), 0.0)
+    chord = _displacement(
+        inverse, (float(left), float(top), texture.view.focal), offsets, lattice, 1.0 / depth, mesh.triangles
+    )
+    return float(2.0 * np.arcsin(min(0.5 * chord, 1.0)))
 
-    NaN where none of them is covered. Extrapolation is held within one range of the texels' 1/z beyond their extremes.
+
+@njit(cache=True, error_model="numpy")
+def _chord(
+    x: float, y: float, captured: float, drawn: float, frame: tuple[float, float, float], offsets: NDArray[np.float64]
+) -> float:
+    """Distance between the directions to where a texel was captured and where it is drawn (both 1/z), from any of ``offsets``.
+
+    (x, y) counts in texels from the window's corner; ``offsets`` (k, 3) are viewpoints in the capture's eye space.
     """
-    rows, columns = depth.shape[0] // quad, depth.shape[1] // quad
-    # Sums over each quad of 1, x, y, xx, xy, yy, w, xw, yw, with x, y from the quad's upper left corner in quads.
-    sums = np.zeros((rows, columns, 9))
-    low = np.full((rows, columns), np.inf)
-    high = np.zeros((rows, columns))
-    for i in range(rows * quad):
-        r = i // quad
-        y = (i - r * quad + 0.5) / quad
-        for j in range(columns * quad):
-            z = np.float64(depth[i, j])
-            if not np.isfinite(z):
+    ux, uy = (frame[0] + x) / frame[2], -(frame[1] + y) / frame[2]
+    most = 0.0
+    z1, z2 = 1.0 / captured, 1.0 / drawn
+    for k in range(len(offsets)):
+        x1, y1, w1 = ux * z1 - offsets[k, 0], uy * z1 - offsets[k, 1], -z1 - offsets[k, 2]
+        x2, y2, w2 = ux * z2 - offsets[k, 0], uy * z2 - offsets[k, 1], -z2 - offsets[k, 2]
+        n1, n2 = (x1 * x1 + y1 * y1 + w1 * w1) ** -0.5, (x2 * x2 + y2 * y2 + w2 * w2) ** -0.5
+        dx, dy, dw = x1 * n1 - x2 * n2, y1 * n1 - y2 * n2, w1 * n1 - w2 * n2
+        most = max(most, dx * dx + dy * dy + dw * dw)
+    return most**0.5
+
+
+@njit(cache=True, error_model="numpy")
+def _value(inverse: NDArray[np.float64], x: int, y: int) -> float:
+    """1/z at the corner (x, y) of texels: on the plane of the texels around it that belong to the nearest one's surface.
+
+    Of equally near texels, the front-most counts. Where nothing is within reach, the nearest in growing squares counts.
+    """
+    height, width = inverse.shape
+    reach, seed_x, seed_y = 1, -1, -1
+    while seed_x < 0:
+        best, front = 1e300, 0.0
+        for j in range(max(y - reach, 0), min(y + reach, height)):
+            for i in range(max(x - reach, 0), min(x + reach, width)):
+                if inverse[j, i] > 0.0:
+                    square = (i + 0.5 - x) ** 2 + (j + 0.5 - y) ** 2
+                    if square < best - 1e-9 or (square < best + 1e-9 and inverse[j, i] > front):
+                        best, front, seed_x, seed_y = min(square, best), inverse[j, i], i, j
+        if reach > height and reach > width:
+            return 0.0
+        reach *= 2
+    seed = inverse[seed_y, seed_x]
+    # Grown from the seed within a square around it, over texels that differ little from a neighbour.
+    size = 2 * _REACH + 1
+    taken = np.zeros((size, size), dtype=np.bool_)
+    queue = np.empty((size * size, 2), dtype=np.int64)
+    taken[_REACH, _REACH] = True
+    queue[0, 0], queue[0, 1] = seed_x, seed_y
+    count, at = 1, 0
+    sx = sy = sxx = sxy = syy = sw = sxw = syw = 0.0
+    low, high = seed, seed
+    while at < count:
+        i, j = queue[at]
+        at += 1
+        w = inverse[j, i]
+        dx, dy = i + 0.5 - x, j + 0.5 - y
+        sx, sy, sw = sx + dx, sy + dy, sw + w
+        sxx, sxy, syy = sxx + dx * dx, sxy + dx * dy, syy + dy * dy
+        sxw, syw = sxw + dx * w, syw + dy * w
+        low, high = min(low, w), max(high, w)
+        for turn in range(4):
+            ni, nj = i + (turn == 0) - (turn == 1), j + (turn == 2) - (turn == 3)
+            ti, tj = ni - seed_x + _REACH, nj - seed_y + _REACH
+            if not (0 <= ti < size and 0 <= tj < size and 0 <= ni < width and 0 <= nj < height) or taken[tj, ti]:
                 continue
-            c = j // quad
-            x = (j - c * quad + 0.5) / quad
-            w = 1.0 / z
-            s = sums[r, c]
-            s[0] += 1.0
-            s[1] += x
-            s[2] += y
-            s[3] += x * x
-            s[4] += x * y
-            s[5] += y * y
-            s[6] += w
-            s[7] += x * w
-            s[8] += y * w
-            low[r, c] = min(low[r, c], w)
-            high[r, c] = max(high[r, c], w)
-    inverse = np.full((rows + 1, columns + 1), np.nan)
-    for i in range(rows + 1):
-        for j in range(columns + 1):
-            n = sx = sy = sxx = sxy = syy = sw = sxw = syw = 0.0
-            smallest, largest = np.inf, 0.0
-            for r in range(max(i - 1, 0), min(i + 1, rows)):
-                for c in range(max(j - 1, 0), min(j + 1, columns)):
-                    s = sums[r, c]
-                    if s[0] == 0.0:
-                        continue
-                    dx, dy = c - j, r - i  # the quad's corner, seen from the vertex
-                    n += s[0]
-                    sx += s[1] + dx * s[0]
-                    sy += s[2] + dy * s[0]
-                    sxx += s[3] + 2.0 * dx * s[1] + dx * dx * s[0]
-                    sxy += s[4] + dx * s[2] + dy * s[1] + dx * dy * s[0]
-                    syy += s[5] + 2.0 * dy * s[2] + dy * dy * s[0]
-                    sw += s[6]
-                    sxw += s[7] + dx * s[6]
-                    syw += s[8] + dy * s[6]
-                    smallest = min(smallest, low[r, c])
-                    largest = max(largest, high[r, c])
-            if n == 0.0:
-                continue
-            inverse[i, j] = _plane_at_origin(n, sx, sy, sxx, sxy, syy, sw, sxw, syw)
-            spread = largest - smallest
-            inverse[i, j] = min(max(inverse[i, j], max(smallest - spread, 0.5 * smallest)), largest + spread)
-    return inverse
+            other = inverse[nj, ni]
+            if other > 0.0 and abs(other - w) < _ONE_SURFACE * max(other, w):
+                taken[tj, ti] = True
+                queue[count, 0], queue[count, 1] = ni, nj
+                count += 1
+    found = _plane_at_origin(float(count), sx, sy, sxx, sxy, syy, sw, sxw, syw)
+    spread = high - low
+    # As far beyond the texels as the corner lies beyond them.
+    far = max(abs(seed_x + 0.5 - x), abs(seed_y + 0.5 - y)) / _REACH
+    return min(max(found, low - spread * max(far, 1.0), 0.5 * low), high + spread * max(far, 1.0))
 
 
 @njit(cache=True)
@@ -147,13 +179,267 @@ def _plane_at_origin(
     cxx, cxy, cyy = sxx / n - mx * mx, sxy / n - mx * my, syy / n - my * my
     cxw, cyw = sxw / n - mx * mw, syw / n - my * mw
     det = cxx * cyy - cxy * cxy
-    if det > 1e-6:
+    if det > 1e-3:
         return mw - ((cxw * cyy - cyw * cxy) * mx + (cyw * cxx - cxw * cxy) * my) / det
     if cxx > 1e-4 and cxx >= cyy:
         return mw - cxw / cxx * mx
     if cyy > 1e-4:
         return mw - cyw / cyy * my
     return mw
+
+
+@njit(cache=True, error_model="numpy")
+def _trimmed(covered: NDArray[np.bool_], box: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
+    """The part of a box (x0, y0, x1, y1) that holds covered texels; (0, 0, 0, 0) where none is."""
+    x0, y0, x1, y1 = box
+    left, top, right, bottom = x1, y1, x0, y0
+    for j in range(y0, y1):
+        for i in range(x0, x1):
+            if covered[j, i]:
+                left, right, top, bottom = min(left, i), max(right, i + 1), min(top, j), max(bottom, j + 1)
+    return (left, top, right, bottom) if right > left else (0, 0, 0, 0)
+
+
+@njit(cache=True, error_model="numpy")
+def _worst(
+    inverse: NDArray[np.float64],
+    box: tuple[int, int, int, int],
+    corners: tuple[float, float, float, float],
+    frame: tuple[float, float, float],
+    offsets: NDArray[np.float64],
+    tolerance: float,
+) -> tuple[int, int]:
+    """A texel of the box that two triangles between its corners' 1/z displace by more than the tolerance; (-1, -1) for none.
+
+    The one that is off most, relative to its own 1/z. The diagonal runs from upper left to lower right.
+    """
+    x0, y0, x1, y1 = box
+    upper_left, upper_right, lower_left, lower_right = corners
+    most, at = 0.0, (-1, -1)
+    # What certainly is no more than the tolerance needs no angles.
+    reach = 0.0
+    for k in range(len(offsets)):
+        reach = max(reach, (offsets[k, 0] ** 2 + offsets[k, 1] ** 2 + offsets[k, 2] ** 2) ** 0.5)
+    for j in range(y0, y1):
+        t = (j + 0.5 - y0) / (y1 - y0)
+        for i in range(x0, x1):
+            w = inverse[j, i]
+            if w == 0.0:
+                continue
+            s = (i + 0.5 - x0) / (x1 - x0)
+            if s > t:
+                drawn = upper_left + s * (upper_right - upper_left) + t * (lower_right - upper_right)
+            else:
+                drawn = upper_left + t * (lower_left - upper_left) + s * (lower_right - lower_left)
+            off = abs(drawn - w)
+            if off <= most * w:
+                continue
+            closest = 1.0 - reach * max(w, drawn)
+            if closest > 0.0 and reach * off < tolerance * closest * closest:
+                continue
+            if _chord(i + 0.5, j + 0.5, w, drawn, frame, offsets) > tolerance:
+                most, at = off / w, (i, j)
+    return at
+
+
+@njit(cache=True, error_model="numpy")
+def _stretched(box: tuple[int, int, int, int], corners: tuple[float, float, float, float]) -> tuple[bool, bool]:
+    """Whether perspective interpolation along its sides or its diagonal is off by too much: to be cut in x, in y.
+
+    Halfway between two vertices n texels apart with depths z0 and z1 it is off by n |z0 - z1| / (2 (z0 + z1)) texels.
+    """
+    wide, high = float(box[2] - box[0]), float(box[3] - box[1])
+    upper_left, upper_right, lower_left, lower_right = corners
+
+    def off(n: float, one: float, other: float) -> float:
+        return 0.5 * n * abs(one - other) / (one + other)
+
+    across = max(off(wide, upper_left, upper_right), off(wide, lower_left, lower_right))
+    down = max(off(high, upper_left, lower_left), off(high, upper_right, lower_right))
+    diagonal = off((wide * wide + high * high) ** 0.5, upper_left, lower_right)
+    if max(across, down, diagonal) <= _UV_ERROR:
+        return False, False
+    return across >= down, across < down
+
+
+@njit(cache=True, error_model="numpy")
+def _cut(inverse: NDArray[np.float64], box: tuple[int, int, int, int], at: tuple[int, int]) -> tuple[bool, int]:
+    """Where to cut a box with a displaced texel: (whether across x, the coordinate of the cut).
+
+    Along the row and the column of that texel, where 1/z bends or jumps most; beside the texel where it is smooth.
+    """
+    x0, y0, x1, y1 = box
+    i, j = at
+    bend_x, cut_x, bend_y, cut_y = 0.0, -1, 0.0, -1
+    for x in range(x0 + 1, x1):
+        a, b = inverse[j, x - 1], inverse[j, x]
+        if a == 0.0 or b == 0.0:
+            continue
+        before = inverse[j, x - 2] if x - 2 >= x0 and inverse[j, x - 2] > 0.0 else a
+        after = inverse[j, x + 1] if x + 1 < x1 and inverse[j, x + 1] > 0.0 else b
+        bend = abs((b - a) - 0.5 * ((a - before) + (after - b)))
+        if bend > bend_x:
+            bend_x, cut_x = bend, x
+    for y in range(y0 + 1, y1):
+        a, b = inverse[y - 1, i], inverse[y, i]
+        if a == 0.0 or b == 0.0:
+            continue
+        before = inverse[y - 2, i] if y - 2 >= y0 and inverse[y - 2, i] > 0.0 else a
+        after = inverse[y + 1, i] if y + 1 < y1 and inverse[y + 1, i] > 0.0 else b
+        bend = abs((b - a) - 0.5 * ((a - before) + (after - b)))
+        if bend > bend_y:
+            bend_y, cut_y = bend, y
+    least = 1e-3 * inverse[j, i]
+    if bend_x > least and bend_x >= bend_y:
+        return True, cut_x
+    if bend_y > least:
+        return False, cut_y
+    # Smooth within, so it is the corners that belong to something else: cut off the side closest to the texel.
+    gaps = (i - x0, x1 - 1 - i, j - y0, y1 - 1 - j)
+    best = 1 << 30
+    across, where = True, -1
+    for side in range(4):
+        cut = (i + 1, i, j + 1, j)[side]
+        inside = (x0 < cut < x1) if side < 2 else (y0 < cut < y1)
+        if inside and gaps[side] < best:
+            best, across, where = gaps[side], side < 2, cut
+    return across, where
+
+
+@njit(cache=True, error_model="numpy")
+def _mesh(
+    inverse: NDArray[np.float64],
+    frame: tuple[float, float, float],
+    offsets: NDArray[np.float64],
+    tolerance: float,
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+    """Vertices on the lattice of texel corners (n, 2), triangles (m, 3), and the vertices' 1/z (n,)."""
+    height, width = inverse.shape
+    covered = np.zeros((height, width), dtype=np.bool_)  # and a texel beyond: filtering reaches that far
+    for j in range(height):
+        for i in range(width):
+            if inverse[j, i] > 0.0:
+                covered[max(j - 1, 0) : j + 2, max(i - 1, 0) : i + 2] = True
+    known = np.zeros((height + 1, width + 1))
+    used = np.full((height + 1, width + 1), -1, dtype=np.int32)
+    stack = [(0, 0, 0, 0)]
+    stack.pop()
+    for y in range(0, height, _LARGEST):
+        for x in range(0, width, _LARGEST):
+            stack.append((x, y, min(x + _LARGEST, width), min(y + _LARGEST, height)))
+    leaves = [(0, 0, 0, 0)]
+    leaves.pop()
+    while stack:
+        box = _trimmed(covered, stack.pop())
+        x0, y0, x1, y1 = box
+        if x1 == x0:
+            continue
+        for y in (y0, y1):
+            for x in (x0, x1):
+                if known[y, x] == 0.0:
+                    known[y, x] = _value(inverse, x, y)
+        corners = (known[y0, x0], known[y0, x1], known[y1, x0], known[y1, x1])
+        across, where = True, -1
+        in_x, in_y = _stretched(box, corners)
+        if in_x and x1 - x0 > 1:
+            across, where = True, (x0 + x1) // 2
+        elif in_y and y1 - y0 > 1:
+            across, where = False, (y0 + y1) // 2
+        at = _worst(inverse, box, corners, frame, offsets, tolerance)
+        if at[0] >= 0 and (x1 - x0 > 1 or y1 - y0 > 1):
+            across, where = _cut(inverse, box, at)
+        if where < 0:
+            leaves.append(box)
+            for y in (y0, y1):
+                used[y, x0] = used[y, x1] = 0
+        elif across:
+            stack.append((x0, y0, where, y1))
+            stack.append((where, y0, x1, y1))
+        else:
+            stack.append((x0, y0, x1, where))
+            stack.append((x0, where, x1, y1))
+    count = 0
+    for y in range(height + 1):
+        for x in range(width + 1):
+            if used[y, x] == 0:
+                used[y, x] = count
+                count += 1
+    centres = len(leaves)
+    lattice, values = np.empty((count + centres, 2)), np.empty(count + centres)
+    for y in range(height + 1):
+        for x in range(width + 1):
+            if used[y, x] >= 0:
+                lattice[used[y, x], 0], lattice[used[y, x], 1], values[used[y, x]] = x, y, known[y, x]
+    triangles = [(np.int32(0), np.int32(0), np.int32(0))]
+    triangles.pop()
+    ring = np.empty(4 * _LARGEST + 4, dtype=np.int32)
+    for x0, y0, x1, y1 in leaves:
+        around = 0  # counter-clockwise as seen from the capture, where y grows downwards
+        for y in range(y0, y1):
+            if used[y, x0] >= 0:
+                ring[around] = used[y, x0]
+                around += 1
+        for x in range(x0, x1):
+            if used[y1, x] >= 0:
+                ring[around] = used[y1, x]
+                around += 1
+        for y in range(y1, y0, -1):
+            if used[y, x1] >= 0:
+                ring[around] = used[y, x1]
+                around += 1
+        for x in range(x1, x0, -1):
+            if used[y0, x] >= 0:
+                ring[around] = used[y0, x]
+                around += 1
+        if around == 4:
+            triangles.append((ring[0], ring[1], ring[2]))
+            triangles.append((ring[0], ring[2], ring[3]))
+            continue
+        # Its middle is where it would be without the others' vertices: on the diagonal.
+        lattice[count, 0], lattice[count, 1] = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
+        values[count] = 0.5 * (known[y0, x0] + known[y1, x1])
+        for k in range(around):
+            triangles.append((ring[k], ring[(k + 1) % around], np.int32(count)))
+        count += 1
+    corners_of = np.empty((len(triangles), 3), dtype=np.int32)
+    for k in range(len(triangles)):
+        corners_of[k, 0], corners_of[k, 1], corners_of[k, 2] = triangles[k]
+    return lattice[:count], corners_of, values[:count]
+
+
+@njit(cache=True, error_model="numpy")
+def _displacement(
+    inverse: NDArray[np.float64],
+    frame: tuple[float, float, float],
+    offsets: NDArray[np.float64],
+    lattice: NDArray[np.float64],
+    values: NDArray[np.float64],
+    triangles: NDArray[np.int32],
+) -> float:
+    """The largest chord (see _chord) over all captured texels, each drawn by the triangle that its centre lies in."""
+    height, width = inverse.shape
+    most = 0.0
+    for k in range(len(triangles)):
+        (ax, ay), (bx, by), (cx, cy) = lattice[triangles[k, 0]], lattice[triangles[k, 1]], lattice[triangles[k, 2]]
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area == 0.0:
+            continue
+        left, right = max(int(min(ax, bx, cx)), 0), min(int(np.ceil(max(ax, bx, cx))), width)
+        top, bottom = max(int(min(ay, by, cy)), 0), min(int(np.ceil(max(ay, by, cy))), height)
+        for j in range(top, bottom):
+            for i in range(left, right):
+                if inverse[j, i] == 0.0:
+                    continue
+                x, y = i + 0.5, j + 0.5
+                s = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
+                t = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
+                if s < -1e-9 or t < -1e-9 or s + t > 1.0 + 1e-9:
+                    continue
+                a, b, c = values[triangles[k, 0]], values[triangles[k, 1]], values[triangles[k, 2]]
+                drawn = a + s * (b - a) + t * (c - a)
+                if abs(drawn - inverse[j, i]) > 1e-9 * drawn:
+                    most = max(most, _chord(x, y, inverse[j, i], drawn, frame, offsets))
+    return most
 
 
 @njit(cache=True)
@@ -168,72 +454,3 @@ def _blocks_with_coverage(covered: NDArray[np.bool_], side: int) -> NDArray[np.b
                 left, right = max(j - 1, 0) // side, min(j + 1, width - 1) // side
                 blocks[upper, left] = blocks[upper, right] = blocks[lower, left] = blocks[lower, right] = True
     return blocks
-
-
-def _spread(inverse: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Vertices without a depth take the mean of their neighbours', as far as there are any, ring by ring."""
-    inverse = inverse.copy()
-    while np.isnan(inverse).any():
-        padded = np.pad(inverse, 1, constant_values=np.nan)
-        rows, columns = inverse.shape
-        around = np.stack([padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3)])
-        known = ~np.isnan(around)
-        count = known.sum(axis=0)
-        mean = np.where(known, around, 0.0).sum(axis=0) / np.maximum(count, 1)
-        inverse = np.where(np.isnan(inverse) & (count > 0), mean, inverse)
-    return inverse
-
-
-def _splits(inverse: NDArray[np.float64], quad: int) -> NDArray[np.int64]:
-    """(rows, columns): into how many (1, 2, 4 or 8) a quad is cut each way.
-
-    Halfway between two vertices whose coordinates differ by n texels and whose depths are z0 and z1, perspective
-    interpolation is off by n |z0 - z1| / (2 (z0 + z1)) texels. That is worst on the diagonal, and cutting a quad by k each
-    way divides both n and the difference of depths.
-    """
-    corners = np.stack([inverse[:-1, :-1], inverse[:-1, 1:], inverse[1:, :-1], inverse[1:, 1:]])
-    high, low = corners.max(axis=0), corners.min(axis=0)
-    needed = np.sqrt(0.5 * quad * (high - low) / (high + low) / _UV_ERROR)
-    return np.asarray(2 ** np.ceil(np.log2(np.clip(needed, 1.0, _FINEST))), dtype=np.int64)
-
-
-@njit(cache=True)
-def _triangulate(
-    inverse: NDArray[np.float64], shown: NDArray[np.bool_], splits: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]:
-    """Vertices on a lattice of 1/8 quads (n, 2), their 1/z (n,) and triangles (m, 3), where ``shown`` on that lattice."""
-    rows, columns = splits.shape
-    index = np.full((rows * _FINEST + 1, columns * _FINEST + 1), -1, dtype=np.int32)
-    most = 0
-    for r in range(rows):
-        for c in range(columns):
-            most += (splits[r, c] + 1) ** 2
-    lattice = np.empty((most, 2))
-    weights = np.empty(most)
-    corners = np.empty((2 * most, 3), dtype=np.int32)
-    n = m = 0
-    for r in range(rows):
-        for c in range(columns):
-            k = splits[r, c]
-            step = _FINEST // k
-            for b in range(k):
-                for a in range(k):
-                    top, left = r * _FINEST + b * step, c * _FINEST + a * step
-                    if not shown[top : top + step, left : left + step].any():
-                        continue
-                    for corner in range(4):
-                        i, j = top + step * (corner // 2), left + step * (corner % 2)
-                        if index[i, j] < 0:
-                            s, t = (a + corner % 2) / k, (b + corner // 2) / k
-                            upper = inverse[r, c] * (1.0 - s) + inverse[r, c + 1] * s
-                            lower = inverse[r + 1, c] * (1.0 - s) + inverse[r + 1, c + 1] * s
-                            lattice[n, 0], lattice[n, 1] = j, i
-                            weights[n] = upper * (1.0 - t) + lower * t
-                            index[i, j] = n
-                            n += 1
-                    corners[m, 0], corners[m, 1] = index[top, left], index[top + step, left]
-                    corners[m, 2] = index[top + step, left + step]
-                    corners[m + 1, 0], corners[m + 1, 1] = index[top, left], index[top + step, left + step]
-                    corners[m + 1, 2] = index[top, left + step]
-                    m += 2
-    return lattice[:n], weights[:n], corners[:m].copy()

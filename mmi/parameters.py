@@ -13,7 +13,7 @@ from mmi.errors import ParameterError
 __all__ = ["LAYERINGS", "VISIBILITIES", "WEIGHTS", "BuildParameters"]
 
 VISIBILITIES = ("horizon", "item-buffer")
-WEIGHTS = ("critical-zone", "critical-zone-unsigned")
+WEIGHTS = ("same-ray", "critical-zone", "critical-zone-unsigned")
 LAYERINGS = ("best", "incremental", "largest-first", "smallest-last", "dsatur", "single")
 _MOST_PIXELS = 8192
 """An 8K display; captures grow with the square of its focal length, and OpenGL draws 16384 pixels a side at most."""
@@ -27,16 +27,17 @@ class BuildParameters:
     """
 
     max_error_px: float = 10.0
-    """Threshold T: the largest change of angle between two objects of a layer, in pixels of ``camera``."""
+    """Threshold T: how far what shares a layer may move apart, in pixels of ``camera``."""
     camera: Camera = field(default_factory=lambda: Camera(512, 512, math.radians(60.0)))
-    near_distance: float = 60.0
+    near_distance: float = 20.0
     """Objects nearer to the cell than this stay geometry (unless ``near_triangles`` is given)."""
     near_triangles: int | None = None
     """A budget: the nearest objects stay geometry as long as they have no more triangles than this together."""
     steepest: float = 2.0
     """Objects that reach above this slope (height over distance) from the cell stay geometry."""
     visibility: str = "horizon"
-    weights: str = "critical-zone"
+    weights: str = "same-ray"
+    """``same-ray`` keeps the threshold (:mod:`mmi.ray_parallax`); the others are the paper's (:mod:`mmi.parallax`)."""
     layering: str = "best"
     """How objects are divided into layers; ``single`` puts all into one and keeps no bound (:mod:`mmi.layering`)."""
     landmarks: tuple[tuple[str, float], ...] = ()

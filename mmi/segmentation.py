@@ -1,13 +1,15 @@
 """Near and far geometry: which of the visible objects stay geometry (paper section 5.4, figure 8).
 
-Both criteria measure from the footprint to the cell's rectangle in the ground plane, so that what is near is near from
-wherever the viewer may be. They are extractors (paper figure 6): they add to a selection's near objects and never
-remove one.
+Objects stay geometry for what a picture of them would get wrong (:func:`near_by_parallax`), or for being close: distances
+are from the footprint to the cell's rectangle in the ground plane, so that what is near is near from wherever the viewer
+may be. All are extractors (paper figure 6): they add to a selection's near objects and never remove one.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import shapely
@@ -15,9 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from mmi.critical_zone import cell_region
 from mmi.errors import ParameterError
+from mmi.ray_parallax import self_parallax
+from mmi.sectors import Walls
 from mmi.selection import Extractor, Selection
 
-__all__ = ["near_by_distance", "near_by_slope", "near_by_triangles"]
+__all__ = ["near_by_distance", "near_by_parallax", "near_by_slope", "near_by_triangles"]
 
 
 def near_by_distance(distance: float) -> Extractor:
@@ -47,6 +51,21 @@ def near_by_slope(steepest: float) -> Extractor:
         tops = np.array([selection.city.objects[i].top for i in selection.objects])
         rises = tops - selection.cell.eye[0]
         return _with_near(selection, selection.objects[rises > steepest * _distances(selection)])
+
+    return extract
+
+
+def near_by_parallax(walls: Walls, threshold: float, *, factors: Mapping[int, float] | None = None) -> Extractor:
+    """Near is what may show more than ``threshold`` radians of itself that a picture from the reference viewpoint misses.
+
+    ``walls`` are those of the selection's city; ``factors`` (object -> factor) raise what landmarks miss.
+    """
+
+    def extract(selection: Selection) -> Selection:
+        objects = selection.objects
+        missed = self_parallax(selection.city, selection.cell, walls, objects, selection.sight)
+        raised = np.array([(factors or {}).get(int(i), 1.0) for i in objects])
+        return _with_near(selection, objects[missed * raised > threshold])
 
     return extract
 
@@ -81,4 +100,4 @@ def _distances(selection: Selection) -> NDArray[np.float64]:
 
 
 def _with_near(selection: Selection, more: NDArray[np.int64]) -> Selection:
-    return Selection(selection.city, selection.cell, selection.objects, np.concatenate([selection.near, more]))
+    return replace(selection, near=np.concatenate([selection.near, more]))

@@ -15,7 +15,25 @@ from numpy.typing import NDArray
 from mmi.cells import ViewingCell
 from mmi.city import City
 
-__all__ = ["Extractor", "Selection", "chain", "everything"]
+__all__ = ["Extractor", "Selection", "Sight", "chain", "everything"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """What a cell may see of a city's walls (in the order of :func:`mmi.sectors.walls_of`), and from where.
+
+    ``lowest`` (w,) metres: nothing of a wall below this height can be seen (-inf: nothing hides it, inf: it is hidden).
+    ``bits`` (w,) uint64: bit i is set where it may be seen from within bin i, of the ``bins`` equal stretches of the cell's
+    outline (counter-clockwise from its first corner), or from inside through that.
+    """
+
+    lowest: NDArray[np.float64]
+    bits: NDArray[np.uint64]
+    bins: int
+
+    def __post_init__(self) -> None:
+        self.lowest.setflags(write=False)
+        self.bits.setflags(write=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,12 +41,14 @@ class Selection:
     """Objects of ``city`` as seen from ``cell``: indices into ``city.objects``, sorted, without repeats.
 
     ``objects`` (n,) is what may be visible; ``near`` (k,) are those of them that stay geometry; ``far`` is the rest.
+    ``sight`` tells what of their walls may be visible, where a stage found that out.
     """
 
     city: City
     cell: ViewingCell
     objects: NDArray[np.int64]
     near: NDArray[np.int64]
+    sight: Sight | None = None
     far: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:

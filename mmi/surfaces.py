@@ -11,6 +11,7 @@ between touching buildings are kept (each object is whole by itself) but have no
 from __future__ import annotations
 
 import hashlib
+import itertools
 import math
 from dataclasses import dataclass, field
 
@@ -18,7 +19,6 @@ import mapbox_earcut
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
-from shapely.geometry import Polygon
 
 from mmi import facades
 from mmi.city import City, CityObject
@@ -147,8 +147,7 @@ def build_city_mesh(city: City) -> CityMesh:
     polygons = np.array([prism.footprint for _, prism in prisms], dtype=object)
     heights = np.array([(prism.bottom, prism.top) for _, prism in prisms]).reshape(-1, 2)
     parts = [_walls(polygons, heights, owners, looks, city.ground)]
-    caps = [_caps(polygon, low, high, city.ground) for polygon, (low, high) in zip(polygons, heights, strict=True)]
-    parts.append(_roofs(caps, owners, looks))
+    parts.append(_roofs(polygons, heights, owners, looks, city.ground))
     parts += [_own_mesh(one, i, looks) for i, one in enumerate(city.objects) if one.mesh is not None]
     return _assemble(parts, len(city.objects), facades.facade_texture())
 
@@ -177,18 +176,30 @@ def triangles_of(mesh: CityMesh, objects: ArrayLike) -> NDArray[np.int32]:
     return mesh.triangles[rows]
 
 
-def triangulate(polygon: Polygon) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Points (n, 2) of a polygon's rings and triangles (m, 3) that fill it, counter-clockwise."""
-    rings = [shapely.get_coordinates(ring)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
-    points = np.concatenate(rings)
-    ends = np.cumsum([len(ring) for ring in rings]).astype(np.uint32)
-    origin = points[0]  # near zero, where float64 is finest
-    triangles = mapbox_earcut.triangulate_float64(points - origin, ends).reshape(-1, 3).astype(np.int64)
-    p, q, r = (points[triangles[:, i]] - origin for i in range(3))
+def triangulate(polygons: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    """Points (n, 2) of the rings of ``polygons`` (k,), triangles (m, 3) that fill them, and the polygon of each point (n,).
+
+    Triangles are counter-clockwise. Points and triangles are in the order of the polygons.
+    """
+    rings, of_ring = shapely.get_rings(polygons, return_index=True)
+    closed, ring = shapely.get_coordinates(rings, return_index=True)
+    keep = np.append(ring[1:] == ring[:-1], False)[: len(closed)]  # a ring's last point is its first
+    points, ring = closed[keep], ring[keep]
+    of = of_ring[ring]
+    ends = np.flatnonzero(np.append(ring[1:] != ring[:-1], True)[: len(ring)]) + 1  # of rings
+    bounds = np.searchsorted(of, np.arange(of[-1] + 2 if len(of) else 1))  # of polygons
+    near = points - np.repeat(points[bounds[:-1]], np.diff(bounds), axis=0)  # near zero, where float64 is finest
+    spans = itertools.pairwise(zip(bounds.tolist(), np.searchsorted(ends, bounds, side="right").tolist(), strict=True))
+    filled = [np.empty((0, 3), dtype=np.int64)]
+    for (start, first_ring), (end, last_ring) in spans:
+        of_rings = (ends[first_ring:last_ring] - start).astype(np.uint32)
+        filled.append(mapbox_earcut.triangulate_float64(near[start:end], of_rings).reshape(-1, 3) + np.int64(start))
+    triangles = np.concatenate(filled)
+    p, q, r = (near[triangles[:, i]] for i in range(3))
     # Earcut promises no winding.
     turned = (q[:, 0] - p[:, 0]) * (r[:, 1] - p[:, 1]) < (q[:, 1] - p[:, 1]) * (r[:, 0] - p[:, 0])
     triangles[turned] = triangles[turned][:, ::-1]
-    return points, triangles
+    return points, triangles, of
 
 
 # ------------------------------------------------------------------------------------------------------- looks
@@ -289,50 +300,43 @@ def _walls(
 
 def _party_walls(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which edges a -> b, (n, 2) each, another footprint has as b -> a (to the centimetre): two buildings touch there."""
-    _, names = np.unique(np.rint(100.0 * np.concatenate([a, b])).astype(np.int64), axis=0, return_inverse=True)
+    x, y = np.rint(100.0 * np.concatenate([a, b])).astype(np.int64).T
+    _, names = np.unique((x << 32) + y, return_inverse=True)
     from_name, to_name = names.reshape(2, -1).astype(np.int64)
     count = len(names) + 1
     return np.isin(from_name * count + to_name, to_name * count + from_name)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Cap:
-    """A footprint's triangles at height ``z``, seen from above, or from below where ``underside``."""
-
-    points: NDArray[np.float64]
-    triangles: NDArray[np.int64]
-    top: float
-    underside: float | None
-
-
-def _caps(polygon: Polygon, bottom: float, top: float, ground: float) -> _Cap:
-    points, triangles = triangulate(polygon)
-    return _Cap(points, triangles, top, bottom if bottom > ground + _FLOATING else None)
-
-
-def _roofs(caps: list[_Cap], owners: NDArray[np.int64], looks: _Looks) -> _Part:
-    """Roofs of all prisms, and undersides of those that float."""
-    positions, uv, colors, triangles, vertex_owners = [], [], [], [], []
+def _roofs(
+    polygons: NDArray[np.object_],
+    heights: NDArray[np.float64],
+    owners: NDArray[np.int64],
+    looks: _Looks,
+    ground: float,
+) -> _Part:
+    """Roofs of all prisms, and after each the underside where the prism floats."""
+    points, triangles, of = triangulate(polygons)
+    each = np.arange(len(polygons) + 1)
+    caps = np.repeat(each[:-1], np.where(heights[:, 0] > ground + _FLOATING, 2, 1))
+    below = np.zeros(len(caps), dtype=bool)
+    below[1:] = caps[1:] == caps[:-1]
+    vertices, starts = _ranges(np.searchsorted(of, each), caps)
+    rows, row_starts = _ranges(np.searchsorted(of[triangles[:, 0]], each), caps)
+    cap = np.repeat(np.arange(len(caps)), np.diff(starts))
+    turned = np.repeat(below, np.diff(row_starts))
+    used = triangles[rows] + np.repeat(starts[:-1] - np.searchsorted(of, caps), np.diff(row_starts))[:, None]
+    used[turned] = used[turned][:, ::-1]
     up, down = _light(np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]))
-    v_tops, v_bottoms = facades.roof_strip(looks.style)
-    used = 0
-    for cap, owner in zip(caps, owners, strict=True):
-        n = len(cap.points)
-        flat_uv = _strip_uv(cap.points, float(v_tops[owner]), float(v_bottoms[owner]))
-        # Roofs take half of the tint: slate is not the colour of the wall below.
-        tint = 0.5 + 0.5 * looks.tint[owner]
-        for z, light, turned in ((cap.top, up, False), (cap.underside, 0.6 * down, True)):
-            if z is None:
-                continue
-            positions.append(np.column_stack([cap.points, np.full(n, z)]))
-            uv.append(flat_uv)
-            colors.append(np.broadcast_to(tint * light, (n, 3)))
-            triangles.append((cap.triangles[:, ::-1] if turned else cap.triangles) + used)
-            vertex_owners.append(np.full(n, owner))
-            used += n
-    if not positions:
-        return _Part(np.empty((0, 3)), np.empty((0, 2)), np.empty((0, 3)), np.empty((0, 3), np.int64), owners[:0])
-    return _Part(*(np.concatenate(values) for values in (positions, uv, colors, triangles, vertex_owners)))
+    owner = owners[caps]
+    # Roofs take half of the tint: slate is not the colour of the wall below.
+    colors = (0.5 + 0.5 * looks.tint[owner]) * np.where(below[:, None], 0.6 * down, up)
+    return _Part(
+        positions=np.column_stack([points[vertices], np.where(below, heights[caps, 0], heights[caps, 1])[cap]]),
+        uv=_strip_uv(points[vertices], cap, *(v[owner] for v in facades.roof_strip(looks.style))),
+        colors=colors[cap],
+        triangles=used,
+        owners=owner[cap],
+    )
 
 
 def _own_mesh(one: CityObject, index: int, looks: _Looks) -> _Part:
@@ -347,10 +351,10 @@ def _own_mesh(one: CityObject, index: int, looks: _Looks) -> _Part:
     along /= np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
     low, high = corners[:, :, 2].min(initial=np.inf), corners[:, :, 2].max(initial=-np.inf)
     wall_top, wall_bottom = (float(v) for v in facades.plain_strip(style))
-    roof_top, roof_bottom = (float(v) for v in facades.roof_strip(style))
     wall_u = np.einsum("mcx,mx->mc", corners[:, :, :2], along) / (facades.BAYS * facades.BAY)
     wall_v = wall_bottom + (corners[:, :, 2] - low) / max(high - low, 1e-9) * (wall_top - wall_bottom)
-    roof_uv = _strip_uv(corners[:, :, :2].reshape(-1, 2), roof_top, roof_bottom).reshape(-1, 3, 2)
+    flat, strip = corners[:, :, :2].reshape(-1, 2), facades.roof_strip(looks.style[[index]])
+    roof_uv = _strip_uv(flat, np.zeros(len(flat), dtype=np.int64), *strip).reshape(-1, 3, 2)
     steep = (np.abs(normal[:, 2]) < 0.5)[:, None, None]
     return _Part(
         positions=corners.reshape(-1, 3),
@@ -364,15 +368,20 @@ def _own_mesh(one: CityObject, index: int, looks: _Looks) -> _Part:
 # ----------------------------------------------------------------------------------------------------- mechanics
 
 
-def _strip_uv(points: NDArray[np.float64], v_top: float, v_bottom: float) -> NDArray[np.float64]:
-    """(n, 2) points of a roof -> uv that fit them into a strip of the atlas, coarser where the roof is larger."""
+def _strip_uv(
+    points: NDArray[np.float64], roof: NDArray[np.int64], v_top: NDArray[np.float64], v_bottom: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(n, 2) points of the roofs ``roof`` (n,), sorted -> uv that fit each roof into its strip of the atlas, coarser where
+    the roof is larger. ``v_top`` and ``v_bottom`` (k,) are of the strips.
+    """
     if not len(points):
         return np.empty((0, 2))
-    offset = points - points.min(axis=0)
-    metres = max(_ROOF_STRIP_METRES, float(offset[:, 1].max()))
+    starts = np.searchsorted(roof, np.arange(len(v_top)))
+    offset = points - np.minimum.reduceat(points, starts)[roof]
+    metres = np.maximum(_ROOF_STRIP_METRES, np.maximum.reduceat(offset[:, 1], starts))[roof]
+    height = (v_bottom - v_top)[roof]
     aspect = facades.TEXTURE_SIZE[0] / facades.TEXTURE_SIZE[1]
-    u = offset[:, 0] / metres * (v_bottom - v_top) * aspect
-    return np.column_stack([u, v_bottom - offset[:, 1] / metres * (v_bottom - v_top)])
+    return np.column_stack([offset[:, 0] / metres * height * aspect, v_bottom[roof] - offset[:, 1] / metres * height])
 
 
 def _interleave(corners: list[NDArray[np.float64]]) -> NDArray[np.float64]:

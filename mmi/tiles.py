@@ -1,4 +1,4 @@
-"""Flat polygons cut along the lines of a grid into tiles, so that a viewer can draw those near it; no crack shows along a cut.
+"""The plane cut along the lines of a grid into tiles, so that a viewer can draw those near it; no crack shows along a cut.
 
 A crack would open where a vertex of one tile lies on an edge of its neighbour. So each vertex on a line of the grid becomes
 one of the triangles of both sides, and what is on a line is told after rounding to float32, in which tiles are drawn.
@@ -7,16 +7,12 @@ one of the triangles of both sides, and what is on a line is told after rounding
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-__all__ = ["cut_polygons", "grid_lines", "match_borders"]
-
-_Owned: TypeAlias = tuple[NDArray[np.object_], NDArray[np.int64]]
-"""Polygons, and the place in the input of the shape that each is a piece of."""
+__all__ = ["grid_lines", "match_borders", "tile_boxes"]
 
 
 def grid_lines(low: float, high: float, *, spacing: float) -> NDArray[np.float64]:
@@ -25,23 +21,10 @@ def grid_lines(low: float, high: float, *, spacing: float) -> NDArray[np.float64
     return np.linspace(low, high, steps + 1).astype(np.float32).astype(np.float64)
 
 
-def cut_polygons(
-    shapes: NDArray[np.object_], xs: NDArray[np.float64], ys: NDArray[np.float64]
-) -> tuple[NDArray[np.object_], NDArray[np.int64], NDArray[np.int64]]:
-    """Cut ``shapes`` (n,), polygons or collections of them, along x = ``xs`` and y = ``ys``, sorted, whose ends enclose them.
-
-    Returns polygons (m,), the shape (m,) that each is a piece of, and its tile (m,), counted row by row from the lowest x
-    and y; sorted by tile, then by shape. Lines and points that are left of a shape are dropped.
-    """
-    parts, owners = shapely.get_parts(shapes, return_index=True)
-    filled = shapely.area(parts) > 0.0
-    columns = _strips((parts[filled], owners[filled]), xs, 0)
-    cells = [_strips(column, ys, 1) for column in columns]
-    by_row = [column[row] for row in range(len(ys) - 1) for column in cells]
-    owners = np.concatenate([one[1] for one in by_row])
-    tiles = np.repeat(np.arange(len(by_row)), [len(one[1]) for one in by_row])
-    order = np.lexsort((owners, tiles))
-    return np.concatenate([one[0] for one in by_row])[order], owners[order], tiles[order]
+def tile_boxes(xs: NDArray[np.float64], ys: NDArray[np.float64]) -> NDArray[np.object_]:
+    """The rectangles (tiles,) between the lines x = ``xs`` and y = ``ys``, sorted: row by row from the lowest x and y."""
+    low, high = (np.meshgrid(x, y) for x, y in ((xs[:-1], ys[:-1]), (xs[1:], ys[1:])))
+    return shapely.box(low[0].ravel(), low[1].ravel(), high[0].ravel(), high[1].ravel())
 
 
 def match_borders(
@@ -88,28 +71,3 @@ def match_borders(
         sources = np.concatenate([sources, np.repeat(sources[first], [len(one) for one in added])])
         triangles = np.concatenate([np.delete(triangles, rows, axis=0), *fans])
     return points, triangles, sources
-
-
-def _strips(polygons: _Owned, lines: NDArray[np.float64], axis: int) -> list[_Owned]:
-    """What of ``polygons`` lies between each of ``lines`` and the next, found by halving: most of them meet few lines."""
-    parts, owners = polygons
-    if len(lines) == 2 or not len(parts):
-        return [polygons] * (len(lines) - 1)
-    middle = len(lines) // 2
-    bounds = shapely.bounds(parts)
-    low, high = bounds[:, axis] < lines[middle], bounds[:, axis + 2] > lines[middle]
-    across = low & high
-    strips = []
-    for side, between in ((low, lines[: middle + 1]), (high, lines[middle:])):
-        corners = shapely.total_bounds(parts).reshape(2, 2) + np.array([[-1.0], [1.0]])
-        corners[:, axis] = between[[0, -1]]
-        cut = shapely.intersection(parts[across], shapely.box(*corners.ravel()))
-        pieces, of = shapely.get_parts(cut, return_index=True)
-        filled = shapely.area(pieces) > 0.0
-        whole = side & ~across
-        half = (
-            np.concatenate([parts[whole], pieces[filled]]),
-            np.concatenate([owners[whole], owners[across][of[filled]]]),
-        )
-        strips += _strips(half, between, axis)
-    return strips

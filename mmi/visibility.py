@@ -25,19 +25,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from shapely.geometry import Polygon
 
 from mmi.camera import View, level_view
 from mmi.cells import ViewingCell
 from mmi.city import City
 from mmi.errors import ParameterError
-from mmi.horizon import Rings, pack_rings, sweep
-from mmi.selection import Extractor, Selection
+from mmi.horizon import BINS, Rings, pack_rings, sweep
+from mmi.selection import Extractor, Selection, Sight
 
 __all__ = [
     "HorizonScene",
@@ -65,8 +67,9 @@ class HorizonScene:
     """A city prepared for :func:`horizon_visible`.
 
     ``shrink`` metres; ``columns`` in the panorama. ``occluders`` and the ``blocks`` (b,) that they are the rings of are
-    the shrunken unions, level by level. ``occludees`` are the rings of all prisms, ``owners`` (r,) their objects.
-    ``prisms`` (p,) are all footprints, ``prism_objects`` (p,) their objects, ``solid`` (p,) those that occlude.
+    the shrunken unions, level by level, each at its greatest height only. ``occludees`` are the rings of all prisms,
+    ``owners`` (r,) their objects. ``prisms`` (p,) are all footprints, ``prism_objects`` (p,) their objects, ``solid``
+    (p,) those that occlude.
     """
 
     city: City
@@ -98,9 +101,7 @@ def prepare_horizon(city: City, *, shrink: float = 1.5, columns: int = 2048, lev
     objects = np.array([i for _, i, _ in prisms], dtype=np.int64)
     solid = np.array([opaque and prism.bottom <= city.ground + _TOUCH for prism, _, opaque in prisms], dtype=bool)
     heights = _levels(tops[solid], levels)
-    shrunken = [_shrink(footprints[solid & (tops >= height)], shrink) for height in heights]
-    blocks = np.array([polygon for level in shrunken for polygon in level], dtype=object)
-    block_heights = np.repeat(heights, [len(level) for level in shrunken])
+    blocks, block_heights = _shrink(footprints[solid], tops[solid], heights, shrink)
     occludees = pack_rings(footprints, tops)
     return HorizonScene(
         city=city,
@@ -149,20 +150,42 @@ def _levels(tops: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     return values[chosen]
 
 
-def _shrink(footprints: NDArray[np.object_], distance: float) -> NDArray[np.object_]:
-    """Polygons inside the union of ``footprints``, with at least ``distance`` metres to its outline.
+def _shrink(
+    footprints: NDArray[np.object_], tops: NDArray[np.float64], heights: NDArray[np.float64], distance: float
+) -> tuple[NDArray[np.object_], NDArray[np.float64]]:
+    """Polygons (b,) and which of ``heights``, sorted, each has (b,), lowest first.
 
-    Mitred corners lie farther from the outline than round ones, never nearer.
+    They lie inside the union of those ``footprints`` (p,) whose ``tops`` (p,) are no lower, at least ``distance`` metres
+    from its outline. Mitred corners lie farther from the outline than round ones, never nearer. What does not touch
+    shrinks apart; and where a height adds nothing to what touches, the polygons are those of a greater height, and left
+    out.
     """
-    union = shapely.union_all(footprints)
-    inner = shapely.buffer(union, -(distance + _TOLERANCE), join_style="mitre")
-    return _polygons(shapely.simplify(inner, 0.9 * _TOLERANCE))
+    level = np.searchsorted(heights, tops, side="right") - 1
+    one, other = shapely.STRtree(footprints).query(footprints, predicate="intersects")
+    unions: list[shapely.Geometry] = []
+    levels: list[int] = []
+    for lowest in range(len(heights)):
+        both = (level[one] >= lowest) & (level[other] >= lowest)
+        links = coo_array((both[both], (one[both], other[both])), shape=(len(level), len(level)))
+        _, group = connected_components(links, directed=False)
+        members = np.flatnonzero((level >= lowest) & np.isin(group, group[level == lowest]))
+        members = members[np.argsort(group[members], kind="stable")]
+        starts = np.flatnonzero(np.diff(group[members], prepend=-1))
+        parts = np.split(footprints[members], starts[1:])
+        unions += [part[0] if len(part) == 1 else shapely.union_all(part) for part in parts]
+        levels += [lowest] * len(parts)
+    inner, of = shapely.get_parts(
+        shapely.buffer(np.array(unions, dtype=object), -(distance + _TOLERANCE), join_style="mitre"), return_index=True
+    )
+    polygons, kept = _polygons(shapely.simplify(inner, 0.9 * _TOLERANCE))
+    return polygons, heights[np.array(levels, dtype=np.int64)[of[kept]]]
 
 
-def _polygons(shapes: NDArray[np.object_] | shapely.Geometry) -> NDArray[np.object_]:
-    """The non-empty polygons among the parts of ``shapes``."""
-    parts = shapely.get_parts(shapes)
-    return parts[(shapely.get_type_id(parts) == 3) & ~shapely.is_empty(parts)]
+def _polygons(shapes: NDArray[np.object_]) -> tuple[NDArray[np.object_], NDArray[np.int64]]:
+    """The non-empty polygons among the parts of ``shapes``, and the place of the shape that each is a part of."""
+    parts, of = shapely.get_parts(shapes, return_index=True)
+    filled = (shapely.get_type_id(parts) == 3) & ~shapely.is_empty(parts)
+    return parts[filled], of[filled]
 
 
 def sample_viewpoints(cell: ViewingCell, *, reach: float) -> NDArray[np.float64]:
@@ -180,24 +203,29 @@ def sample_viewpoints(cell: ViewingCell, *, reach: float) -> NDArray[np.float64]
     return np.column_stack([xy, np.full(count, cell.eye[1])])
 
 
-def horizon_visible(scene: HorizonScene, cell: ViewingCell) -> NDArray[np.int64]:
-    """Sorted indices into ``city.objects`` of all that may be seen from somewhere in ``cell`` (and maybe some more)."""
+def horizon_visible(scene: HorizonScene, cell: ViewingCell) -> tuple[NDArray[np.int64], Sight]:
+    """Sorted indices into ``city.objects`` of all that may be seen from somewhere in ``cell`` (and maybe some more).
+
+    And how low and from where its walls may be seen, which loses nothing either.
+    """
     region = Polygon(cell.corners)
     seen = np.zeros(len(scene.city.objects), dtype=bool)
     seen[scene.prism_objects[_meeting(scene.prisms, region)]] = True
     cutting = scene.prisms.query(region.buffer(-_TOUCH, join_style="mitre"), predicate="intersects")
     occluders = _occluders_without(scene, cutting[scene.solid[cutting]])
     nearest_first = np.lexsort([-occluders.heights, _gap(occluders.boxes, region.bounds)])
-    sweep(
-        sample_viewpoints(cell, reach=scene.shrink),
+    viewpoints = sample_viewpoints(cell, reach=scene.shrink)
+    lowest, bits = sweep(
+        viewpoints,
         occluders,
         nearest_first,
         scene.occludees,
         scene.owners,
         seen,
         columns=scene.columns,
+        reach=scene.shrink,
     )
-    return np.flatnonzero(seen)
+    return np.flatnonzero(seen), Sight(lowest, bits, min(len(viewpoints), BINS))
 
 
 def _meeting(prisms: shapely.STRtree, region: Polygon) -> NDArray[np.int64]:
@@ -221,10 +249,10 @@ def _occluders_without(scene: HorizonScene, prisms: NDArray[np.int64]) -> Rings:
     hole = shapely.union_all(shapely.buffer(scene.prisms.geometries[np.sort(prisms)], margin, join_style="mitre"))
     shapely.prepare(hole)
     cut = shapely.intersects(hole, scene.blocks)
-    pieces = [_polygons(rest) for rest in shapely.difference(scene.blocks[cut], hole)]
-    heights = np.repeat(scene.block_heights[cut], [len(piece) for piece in pieces])
+    pieces, of = _polygons(shapely.difference(scene.blocks[cut], hole))
     return pack_rings(
-        np.concatenate([scene.blocks[~cut], *pieces]), np.concatenate([scene.block_heights[~cut], heights])
+        np.concatenate([scene.blocks[~cut], pieces]),
+        np.concatenate([scene.block_heights[~cut], scene.block_heights[cut][of]]),
     )
 
 
@@ -234,7 +262,8 @@ def horizon_extractor(scene: HorizonScene) -> Extractor:
     def extract(selection: Selection) -> Selection:
         if selection.city is not scene.city:
             raise ValueError(f"scene of {scene.city.source} used for a selection of {selection.city.source}")
-        return _narrowed(selection, horizon_visible(scene, selection.cell))
+        visible, sight = horizon_visible(scene, selection.cell)
+        return replace(_narrowed(selection, visible), sight=sight)
 
     return extract
 

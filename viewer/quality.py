@@ -18,7 +18,18 @@ from skimage.metrics import structural_similarity
 
 from viewer.frame import Frame
 
-__all__ = ["ViewErrors", "WrongRegions", "flip_map", "pop", "psnr", "ssim", "thickness", "view_errors", "wrong_regions"]
+__all__ = [
+    "ViewErrors",
+    "WrongRegions",
+    "beyond_resampling",
+    "flip_map",
+    "pop",
+    "psnr",
+    "ssim",
+    "thickness",
+    "view_errors",
+    "wrong_regions",
+]
 
 _SSIM_WINDOW = 11
 """Pixels: side of the window of Wang et al. 2004."""
@@ -107,6 +118,31 @@ def wrong_regions(truth: Frame, shown: Frame) -> WrongRegions:
     return WrongRegions(wrong, (truth.object_ids >= 0) & (shown.object_ids < 0))
 
 
+def beyond_resampling(truth: Frame, shown: Frame) -> WrongRegions:
+    """What is left of :func:`wrong_regions` where a pixel may take its object from any of the 3 x 3 pixels around it.
+
+    Texels of a capture and pixels of a view are two grids, and what is seen through both may be off by up to a pixel. That
+    alone makes regions of any thickness: of a row of houses that are a pixel wide each, every one may be wrong. So a
+    wrong pixel is forgiven where the geometry's object at that pixel occurs in the technique's 3 x 3 pixels around it, and
+    the technique's object in the geometry's. Ground and sky are objects here as in :func:`wrong_regions`: an outline that
+    is off by a pixel against the sky is forgiven, a hole within an object is not, as the geometry shows nothing of what
+    shows through it. What lies outside the picture forgives nothing.
+
+    An upright or level edge between two objects that is off by two pixels or more is as wrong as before, over its whole
+    width; a slanted one may be off by a pixel to the side and one up or down. As wrong as before is also what the technique
+    lacks or invents, be it one of a row of houses so narrow that a pixel meets some of them and a texel others. Forgiven
+    too much is where two objects change places next to each other: of one that is off by its own width, before the same
+    background, a pixel where it ends and a pixel where it should begin; and all of a pattern of few objects, finer than two
+    pixels.
+
+    Raises ValueError for frames that were not measured or differ in size.
+    """
+    regions = wrong_regions(truth, shown)
+    assert truth.object_ids is not None and shown.object_ids is not None
+    forgiven = _around(truth.object_ids, shown.object_ids) & _around(shown.object_ids, truth.object_ids)
+    return WrongRegions(regions.wrong & ~forgiven, regions.holes & ~forgiven)
+
+
 def thickness(region: NDArray[np.bool_]) -> float:
     """Diameter in pixels of the largest disc inside ``region`` (h, w), pixels taken as unit squares; 0 where it is empty.
 
@@ -174,6 +210,18 @@ def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
             a, b, data_range=255, channel_axis=2, gaussian_weights=True, sigma=1.5, use_sample_covariance=False
         )
     )
+
+
+def _around(ids: NDArray[np.int32], other: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """(h, w): where the object of ``ids`` (h, w) occurs in the 3 x 3 pixels of ``other`` (h, w) around the same place."""
+    height, width = ids.shape
+    found = np.zeros(ids.shape, dtype=bool)
+    for down in (-1, 0, 1):
+        for right in (-1, 0, 1):
+            here = np.s_[max(-down, 0) : height - max(down, 0), max(-right, 0) : width - max(right, 0)]
+            there = np.s_[max(down, 0) : height + min(down, 0), max(right, 0) : width + min(right, 0)]
+            found[here] |= ids[here] == other[there]
+    return found
 
 
 def _mean(values: NDArray[np.float32]) -> float:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
+from collections.abc import Iterator
 from typing import Any
 
 import networkx as nx
@@ -16,10 +18,12 @@ from mmi.errors import CityError
 
 __all__ = ["canonical_json", "city_from_json", "city_to_json", "fingerprint", "object_fingerprints"]
 
+_CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+
 
 def canonical_json(value: Any) -> bytes:  # noqa: ANN401
     """The one way that this project writes JSON for hashing and storing: sorted keys, no spaces, shortest floats."""
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False).encode()
+    return _CANONICAL.encode(value).encode()
 
 
 def fingerprint(value: Any) -> str:  # noqa: ANN401
@@ -29,7 +33,7 @@ def fingerprint(value: Any) -> str:  # noqa: ANN401
 
 def object_fingerprints(city: City) -> list[str]:
     """One fingerprint an object, over all that decides how it looks and where it is."""
-    return [fingerprint(_object_to_dict(one)) for one in city.objects]
+    return [fingerprint(one) for one in _objects_to_dicts(city.objects)]
 
 
 def city_to_json(city: City) -> bytes:
@@ -49,7 +53,7 @@ def city_to_json(city: City) -> bytes:
     junctions = [[int(node), float(data["x"]), float(data["y"])] for node, data in city.streets.nodes(data=True)]
     return canonical_json(
         {
-            "objects": [_object_to_dict(one) for one in city.objects],
+            "objects": list(_objects_to_dicts(city.objects)),
             "junctions": sorted(junctions),
             "streets": sorted(streets, key=lambda street: street["index"]),
             "crs": city.crs,
@@ -89,22 +93,29 @@ def city_from_json(data: bytes, *, name: str) -> City:
         raise CityError(f"{name}: a city stored by build-impostors expected, found damaged data ({error})") from error
 
 
-def _object_to_dict(one: CityObject) -> dict[str, Any]:
-    stored: dict[str, Any] = {
-        "id": one.id,
-        "opaque": one.opaque,
-        "prisms": [
-            {
-                "rings": [shapely.get_coordinates(ring).tolist() for ring in shapely.get_rings(prism.footprint)],
-                "bottom": float(prism.bottom),
-                "top": float(prism.top),
-            }
-            for prism in one.prisms
-        ],
-    }
-    if one.mesh is not None:
-        stored["mesh"] = {"vertices": one.mesh.vertices.tolist(), "triangles": one.mesh.triangles.tolist()}
-    return stored
+def _objects_to_dicts(objects: tuple[CityObject, ...]) -> Iterator[dict[str, Any]]:
+    rings = _rings([prism.footprint for one in objects for prism in one.prisms])
+    for one in objects:
+        stored: dict[str, Any] = {
+            "id": one.id,
+            "opaque": one.opaque,
+            "prisms": [
+                {"rings": next(rings), "bottom": float(prism.bottom), "top": float(prism.top)} for prism in one.prisms
+            ],
+        }
+        if one.mesh is not None:
+            stored["mesh"] = {"vertices": one.mesh.vertices.tolist(), "triangles": one.mesh.triangles.tolist()}
+        yield stored
+
+
+def _rings(polygons: list[Polygon]) -> Iterator[list[list[list[float]]]]:
+    """Each polygon's rings, exterior first, as lists of [x, y]."""
+    rings, polygon = shapely.get_rings(polygons, return_index=True)
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    ends = np.searchsorted(ring, np.arange(len(rings) + 1)).tolist()
+    lists = [points[start:end].tolist() for start, end in itertools.pairwise(ends)]
+    starts = np.searchsorted(polygon, np.arange(len(polygons) + 1)).tolist()
+    return (lists[start:end] for start, end in itertools.pairwise(starts))
 
 
 def _object_from_dict(stored: dict[str, Any]) -> CityObject:

@@ -141,6 +141,17 @@ def test_tiles_of_a_real_city_fit():
     assert_tiles_fit(mesh)
 
 
+def test_carriageways_of_a_real_city_are_its_streets_as_wide_as_they_are():
+    city, _ = read_city(HELSINKI)
+    mesh = ground_mesh(city, margin=300.0)
+    edges = [edge for _, _, edge in city.streets.edges(data=True)]
+    plain = shapely.union_all([edge["geometry"].buffer(edge["half_width"], quad_segs=3) for edge in edges])
+    road = (mesh.colors[mesh.triangles[:, 0]] == np.rint(255.0 * np.array([0.46, 0.46, 0.47]))).all(axis=1)
+    shown = shapely.union_all(shapely.polygons(mesh.positions[mesh.triangles[road], :2].astype(float)))
+    assert shapely.symmetric_difference(plain, shown).buffer(-0.011).is_empty  # thinned by 2 cm at most
+    assert shown.area == pytest.approx(plain.area, rel=1e-3)
+
+
 def test_the_sky_darkens_towards_the_zenith():
     sky = sky_color([[1.0, 0.0, 0.0], [0.0, 0.6, 0.8], [0.0, 0.0, 1.0], [0.0, 0.6, -0.8]])
     assert sky.dtype == np.uint8

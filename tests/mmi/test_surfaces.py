@@ -257,11 +257,19 @@ def test_an_empty_city_has_an_empty_mesh():
 
 def test_triangulation_fills_the_polygon():
     polygon = Polygon([(0, 0), (9, 0), (9, 9), (5, 4), (0, 9)], [[(1, 1), (2, 1), (2, 2)], [(6, 1), (7, 1), (7, 2)]])
-    points, triangles = triangulate(polygon)
-    parts = [Polygon(points[t]) for t in triangles]
-    assert all(part.exterior.is_ccw for part in parts)
-    assert shapely.union_all(parts).symmetric_difference(polygon).area == pytest.approx(0.0, abs=1e-9)
-    assert sum(part.area for part in parts) == pytest.approx(polygon.area)
+    polygons = [box(20, 0, 30, 10), polygon, polygon.reverse(), box(-5, 0, -1, 1e5)]
+    points, triangles, of = triangulate(polygons)
+    assert of.tolist() == sorted(of.tolist())
+    assert (of[triangles] == of[triangles[:, :1]]).all()
+    for i, one in enumerate(polygons):
+        parts = [Polygon(points[t]) for t in triangles[of[triangles[:, 0]] == i]]
+        assert all(part.exterior.is_ccw for part in parts)
+        assert shapely.union_all(parts).symmetric_difference(one).area == pytest.approx(0.0, abs=1e-9)
+        assert sum(part.area for part in parts) == pytest.approx(one.area)
+
+
+def test_triangulating_nothing():
+    assert [len(one) for one in triangulate([])] == [0, 0, 0]
 
 
 def test_wrong_offsets_are_refused():

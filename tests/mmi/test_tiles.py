@@ -1,13 +1,10 @@
-"""Polygons cut along a grid: against shapely, one tile at a time; borders by hand."""
+"""Tiles of a grid and their borders, by hand."""
 
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from shapely.geometry import MultiPolygon, Polygon, box
 
-from mmi.tiles import cut_polygons, grid_lines, match_borders
+from mmi.tiles import grid_lines, match_borders, tile_boxes
 
 
 @pytest.mark.parametrize(
@@ -24,32 +21,9 @@ def test_lines_are_even_and_at_most_so_far_apart(low, high, spacing, expected):
     assert lines.tolist() == [float(np.float32(one)) for one in expected]
 
 
-def shapes(seed):
-    """Two neighbours of many corners on whole and half numbers, one with a hole; and a collection of two."""
-    rng = np.random.default_rng(seed)
-    left = Polygon([(0, 0), *((5 + rng.integers(-3, 4) / 2, y) for y in range(11)), (0, 10)])
-    right = shapely.difference(box(0, 0, 10, 10), left)
-    hole = box(*(rng.integers(2, 13, 2) / 2 + [[0], [1.5]]).ravel())
-    left = shapely.difference(left, hole)
-    return np.array([left, right, MultiPolygon([box(11, 0, 12, 1), box(11, 9, 12, 10)]), Polygon()], dtype=object)
-
-
-@settings(deadline=None, max_examples=20)
-@given(st.integers(0, 2**31), st.sampled_from([1.0, 2.5, 3.0, 20.0]))
-def test_pieces_are_what_each_tile_shows_of_each_shape(seed, spacing):
-    given_shapes = shapes(seed)
-    xs, ys = grid_lines(0.0, 12.0, spacing=spacing), grid_lines(0.0, 10.0, spacing=spacing)
-    pieces, owners, tiles = cut_polygons(given_shapes, xs, ys)
-    assert (np.diff(tiles * len(given_shapes) + owners) >= 0).all()
-    for tile in range((len(xs) - 1) * (len(ys) - 1)):
-        row, column = divmod(tile, len(xs) - 1)
-        square = box(xs[column], ys[row], xs[column + 1], ys[row + 1])
-        for i, shape in enumerate(given_shapes):
-            mine = pieces[(tiles == tile) & (owners == i)]
-            expected = shapely.intersection(shape, square)
-            assert shapely.area(mine).sum() == pytest.approx(expected.area, abs=1e-9)
-            assert shapely.union_all(mine).symmetric_difference(expected).area == pytest.approx(0.0, abs=1e-9)
-            assert (shapely.get_type_id(mine) == shapely.GeometryType.POLYGON).all()
+def test_boxes_go_row_by_row():
+    boxes = tile_boxes(np.array([0.0, 1.0, 3.0]), np.array([10.0, 20.0, 25.0]))
+    assert shapely.bounds(boxes).tolist() == [[0, 10, 1, 20], [1, 10, 3, 20], [0, 20, 1, 25], [1, 20, 3, 25]]
 
 
 def test_a_vertex_on_a_border_is_put_into_the_triangle_on_the_other_side():

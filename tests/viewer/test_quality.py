@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from viewer.frame import Frame
-from viewer.quality import flip_map, pop, psnr, ssim, thickness, view_errors, wrong_regions
+from viewer.quality import beyond_resampling, flip_map, pop, psnr, ssim, thickness, view_errors, wrong_regions
 
 
 def frame(ids, *, displacement=None, color=None):
@@ -140,6 +140,117 @@ def test_right_objects_in_wrong_colours_are_right_and_look_different():
     assert errors.wrong_share == errors.hole_share == errors.thickness_px == 0.0
     assert errors.flip_mean > 0.3
     assert errors.ssim < 0.2
+
+
+# ----------------------------------------------------------------------------------------------- beyond resampling
+
+
+def stripes(width, shift, size=(40, 60)):
+    """Vertical stripes ``width`` pixels wide, each an object of its own, moved ``shift`` pixels to the right."""
+    return np.tile((np.arange(size[1]) - shift) // width + 100, (size[0], 1))
+
+
+def beyond(truth, shown):
+    return beyond_resampling(frame(truth), frame(shown))
+
+
+@pytest.mark.parametrize("width", [1, 2, 3, 10])
+def test_stripes_that_are_off_by_a_pixel_are_forgiven(width):
+    truth, shown = stripes(width, 0), stripes(width, 1)
+    inside = np.s_[:, 1:-1]  # what comes in from outside the picture, the geometry does not show
+    assert (truth != shown)[inside].any()
+    assert not beyond(truth, shown).wrong[inside].any()
+    assert not beyond(truth.T, shown.T).wrong[1:-1].any()
+    assert thickness(beyond(truth, shown).wrong) <= 1.0
+
+
+@pytest.mark.parametrize("width", [1, 2, 3, 10])
+@pytest.mark.parametrize("shift", [2, -2, 3])
+def test_stripes_that_are_off_by_two_pixels_are_as_wrong_as_before(width, shift):
+    truth, shown = stripes(width, 0), stripes(width, shift)
+    assert np.array_equal(beyond(truth, shown).wrong, truth != shown)
+    assert np.array_equal(beyond(truth.T, shown.T).wrong, (truth != shown).T)
+    assert thickness(beyond(truth, shown).wrong) >= min(abs(shift), width)
+
+
+def test_houses_a_pixel_wide_that_are_off_by_a_pixel_are_thick_and_forgiven():
+    """What the measure is for: side by side they form a region, and none is off by more than a pixel."""
+    truth = np.full((40, 60), -1)
+    truth[10:30, 20:25] = np.arange(5)
+    truth[10:30, 25:40], truth[10:30, 5:20] = 50, 60
+    shown = truth.copy()
+    shown[:, 6:41] = truth[:, 5:40]
+    assert errors_of(truth, shown).thickness_px == 6.0
+    assert not beyond(truth, shown).wrong.any()
+
+
+@pytest.mark.parametrize("through", [-1, -2, 7])
+def test_a_hole_of_seven_pixels_stays_seven_pixels(through):
+    truth = np.full((40, 50), 3)
+    truth[:3] = -1  # sky, ground and the other object are in the picture, but not next to the hole
+    truth[-3:], truth[:, :3] = -2, 7
+    shown = truth.copy()
+    shown[10:17, 20:27] = through
+    found = beyond(truth, shown)
+    assert thickness(found.wrong) == 7.0
+    assert found.wrong.sum() == 49
+    assert np.array_equal(found.holes, found.wrong & (through < 0))
+
+
+def test_an_outline_against_the_sky_may_be_off_by_a_pixel_and_not_by_two():
+    truth = np.full((40, 50), -1)
+    truth[20:, :] = 3
+    for lower, wrong in ((1, 0), (-1, 0), (2, 2 * 50), (-2, 2 * 50)):
+        shown = np.full((40, 50), -1)
+        shown[20 + lower :, :] = 3
+        found = beyond(truth, shown)
+        assert (found.wrong.sum(), found.holes.sum()) == (wrong, wrong if lower > 0 else 0)
+
+
+def test_an_object_that_is_lacking_or_invented_is_not_forgiven_however_thin_it_is():
+    truth, shown = np.full((40, 50), 3), np.full((40, 50), 3)
+    truth[:, 30] = 8
+    shown[:, 10:12] = 9
+    for a, b in ((truth, shown), (shown, truth)):
+        assert np.array_equal(beyond(a, b).wrong, truth != shown)
+
+
+def test_a_slanted_edge_may_be_off_by_a_pixel_both_ways():
+    y, x = np.mgrid[:40, :40]
+    truth = np.where(x < y, 3, 4)
+    for right, wrong in ((1, False), (2, False), (3, True)):
+        assert beyond(truth, np.where(x - right < y, 3, 4)).wrong[5:-5, 5:-5].any() == wrong
+
+
+def test_an_object_that_is_off_by_its_width_loses_a_pixel_where_both_places_meet():
+    """The limit of the measure: of eight wrong pixels in a row, the two in the middle could be an edge that is one off."""
+    truth, shown = np.full((40, 50), 3), np.full((40, 50), 3)
+    truth[:, 10:14] = shown[:, 14:18] = 4
+    assert errors_of(truth, shown).thickness_px == 8.0
+    found = beyond(truth, shown)
+    assert np.flatnonzero(found.wrong[20]).tolist() == [10, 11, 12, 15, 16, 17]
+    assert thickness(found.wrong) == 3.0
+
+
+@given(st.integers(0, 10_000), st.integers(1, 9), st.integers(1, 9), st.integers(2, 30))
+def test_what_is_forgiven_is_what_the_definition_says(seed, height, width, objects):
+    truth, shown = np.random.default_rng(seed).integers(-2, objects, (2, height, width))
+    found = beyond(truth, shown)
+    for (row, column), wrong in np.ndenumerate(found.wrong):
+        around = np.s_[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
+        a, b = truth[row, column], shown[row, column]
+        forgiven = a in shown[around] and b in truth[around]
+        assert (wrong, found.holes[row, column]) == (a != b and not forgiven, a >= 0 > b and not forgiven)
+    swapped = beyond(shown, truth)
+    assert np.array_equal(found.wrong, swapped.wrong)
+
+
+def test_unmeasured_frames_and_frames_of_two_sizes_are_not_compared():
+    measured = frame(np.zeros((4, 5)))
+    with pytest.raises(ValueError, match="object ids"):
+        beyond_resampling(measured, dataclasses.replace(measured, object_ids=None))
+    with pytest.raises(ValueError, match="one size"):
+        beyond_resampling(measured, frame(np.zeros((5, 4))))
 
 
 # ----------------------------------------------------------------------------------------------------- displacement

@@ -1,0 +1,99 @@
+"""Does the bound hold? Random views anywhere in the cells, any heading: how thick wrong regions get, and how far surfaces are off.
+
+    build-impostors CITY -o OUT --max-error 5
+    python benchmarks/bound.py OUT [OUT ...] --views 2000
+
+Only what the bound is about is measured (no FLIP, PSNR or SSIM, which take most of the time of compare-impostors): by the
+threshold T of each dataset, the views whose thickest wrong region exceeds T + 2 px (two for the rasters of texture and
+view), the same after allowing for a pixel of resampling, and the largest displacement. With --worst DIR, pictures of the
+worst views.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from mmi.dataset import open_dataset
+from viewer.gl import Renderer
+from viewer.pictures import triptych
+from viewer.quality import beyond_resampling, thickness, wrong_regions
+from viewer.sampling import random_views
+from viewer.scene import open_scene
+from viewer.technique import Budget
+from viewer.techniques import cell_cache, make_technique
+
+
+def measure(folder: Path, views: int, seed: int, worst: Path | None, keep: int) -> str:
+    """A row of the table for one dataset."""
+    dataset = open_dataset(folder)
+    scene = open_scene(dataset, name="multi-mesh")
+    camera, scenes = scene.camera, {"multi-mesh": scene}
+    found = []
+    with (
+        Renderer(scene.mesh, scene.ground, size=(camera.width, camera.height), measured=True, samples=0) as renderer,
+        cell_cache(scenes, renderer, measured=True, capacity=256 << 20) as cache,
+    ):
+        full, multi = make_technique("full", scenes), make_technique("multi-mesh", scenes)
+        for number, (cell, pose) in enumerate(random_views(scene.whereabouts.cells, views, seed=seed)):
+            view = pose.view(camera)
+            truth = renderer.draw(full.plan(view, now=0.0, budget=Budget()), view, measured=True)
+            plan = multi.plan(view, now=0.0, budget=Budget())
+            cache.want(plan.cells)
+            cache.require(plan.cells)
+            shown = renderer.draw(plan, view, measured=True)
+            regions = wrong_regions(truth, shown)
+            angles = shown.displacement[np.isfinite(shown.displacement)].astype(np.float64)
+            displaced = camera.focal * math.tan(min(float(angles.max(initial=0.0)), 1.5))
+            thick = thickness(regions.wrong)
+            found.append((thick, thickness(beyond_resampling(truth, shown).wrong), displaced, float(regions.wrong.mean())))
+            if worst is not None and (thick, number) >= sorted([(f[0], i) for i, f in enumerate(found)])[-keep:][0]:
+                worst.mkdir(parents=True, exist_ok=True)
+                name = worst / f"{folder.name}-{thick:05.1f}-{number}-{cell}.png"
+                Image.fromarray(triptych(truth.color, shown.color, regions.wrong, regions.holes)).save(name)
+            print(f"\r{folder.name}: {number + 1} of {views}", end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    if worst is not None:
+        for name in sorted(worst.glob(f"{folder.name}-*.png"))[:-keep]:
+            name.unlink()
+    limit = scene.parameters.max_error_px + 2.0
+    thick, forgiven, displaced, wrong = np.array(found).T
+    cells = [scene.dataset.cell(cell.id) for cell in scene.whereabouts.cells]
+    mean = {key: np.mean([entry[key] for entry in cells]) for key in ("near_triangles", "triangles", "texels", "bytes")}
+    near = np.mean([len(entry["near"]) for entry in cells])
+    layers = np.mean([len({one["index"] for sector in entry["layers"] for one in sector}) for entry in cells])
+    return (
+        f"| {folder.name} | {limit - 2.0:g} | {views} | {100.0 * wrong.mean():.3f} | "
+        f"{np.percentile(thick, 50):.0f} / {np.percentile(thick, 99):.0f} / {thick.max():.0f} | "
+        f"{np.count_nonzero(thick > limit)} | {forgiven.max():.0f} | {np.count_nonzero(forgiven > limit)} | "
+        f"{np.percentile(displaced, 50):.1f} / {np.percentile(displaced, 99):.1f} / {displaced.max():.1f} | "
+        f"{np.count_nonzero(displaced > limit - 2.0)} | "
+        f"{near:.1f} | {mean['near_triangles']:.0f} | {layers:.1f} | {mean['triangles']:.0f} | {mean['texels'] / 1e3:.0f}k | "
+        f"{mean['bytes'] / 1e3:.0f} kB |"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("datasets", type=Path, nargs="+", metavar="OUT")
+    parser.add_argument("--views", type=int, default=2000)
+    parser.add_argument("--seed", type=int, default=2)
+    parser.add_argument("--worst", type=Path, metavar="DIR")
+    parser.add_argument("--keep", type=int, default=6, help="pictures a dataset (default: %(default)s)")
+    options = parser.parse_args()
+    print(
+        "| dataset | T px | views | wrong % | thickness px p50 / p99 / max | above T + 2 | resampled max | above T + 2 | "
+        "displacement px p50 / p99 / max | above T | near | near triangles | layers | triangles | texels | bytes a cell |"
+    )
+    print("|" + "---|" * 16)
+    for folder in options.datasets:
+        print(measure(folder, options.views, options.seed, options.worst, options.keep), flush=True)
+
+
+if __name__ == "__main__":
+    main()

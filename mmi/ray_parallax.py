@@ -1,0 +1,431 @@
+"""How far points of one capture ray can move apart in the picture: the weights that bound what a layer gets wrong (docs/bound.md).
+
+A layer is captured once, from the cell's reference viewpoint C. What the capture misses is what some surface of the same
+layer hides from C: a point X behind a point Y on one ray from C. Seen from anywhere else in the cell, whatever opens up
+between the two is the strip of points that were on that ray, and it is as wide as the angle YMX. So not the angle between
+any two points of two objects counts (the paper's weight, :mod:`mmi.parallax`), but that between points of one ray:
+
+- within one object, the *self-parallax*: what its own front hides of its sides and wings. An object that has more of it than
+  the user allows stays geometry (:func:`self_parallax`);
+- between two objects, the *weight* of the pair (:func:`same_ray_weights`). Here rays count as one if they fall into one
+  column or its neighbours: meshes connect what is next to each other in the texture, so depths mix within a quad.
+
+X counts only as far as it may be seen at all, and only for viewpoints that may see it: :class:`mmi.selection.Sight` says what
+of a wall is visible from which part of the cell. Rays meet two surfaces at a range of slopes (height over distance). The
+angle is taken at the slope of this range that is closest to level, where moving sideways parts them most, and at the
+steepest, where walking towards them does.
+
+Viewpoints are the cell's outline: over a region the angle between two fixed points is largest on its boundary. A point seen
+from inside the cell is seen from the outline behind as well, and parallax grows along that line of sight; so each line of
+sight counts with the stretch of the outline where it leaves the cell.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numba import njit
+from numpy.typing import NDArray
+
+from mmi.cells import ViewingCell
+from mmi.city import City
+from mmi.critical_zone import cell_region
+from mmi.sectors import Walls
+from mmi.selection import Sight
+
+__all__ = ["same_ray_weights", "self_parallax"]
+
+_ASIDE = 1e-7
+"""Radians: rays pass a corner this far on either side of it."""
+_TOUCHING = 1e-6
+"""Metres: an object this close to the cell's region counts as meeting it."""
+_APART = 1e-6
+"""Relative difference of distances below which two hits of a ray are one."""
+_WITHIN = (0.25, 0.5, 0.75)
+"""Where along a wall rays pass through it, besides its ends."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Outlook:
+    """The walls of some objects as seen from the reference viewpoint, and the viewpoints that may see them.
+
+    ``a``, ``b`` (w, 2) metres from the reference; ``bottom``, ``low``, ``top`` (w,) metres above it: the wall, and the lowest
+    that is visible of it; ``owner`` (w,) counts in the list of objects, object i has walls ``first[i]`` to ``first[i + 1]``.
+    ``whence`` (w, p): which of the ``viewpoints`` (p, 2), metres from the reference, may see it, none where it is hidden.
+    ``rise`` is half the height of the eye band in metres.
+    """
+
+    a: NDArray[np.float64]
+    b: NDArray[np.float64]
+    bottom: NDArray[np.float64]
+    low: NDArray[np.float64]
+    top: NDArray[np.float64]
+    owner: NDArray[np.int64]
+    first: NDArray[np.int64]
+    whence: NDArray[np.bool_]
+    viewpoints: NDArray[np.float64]
+    rise: float
+
+
+def self_parallax(
+    city: City, cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], sight: Sight | None
+) -> NDArray[np.float64]:
+    """(n,) radians for each of ``objects`` (n,): how wide a strip it may open in a picture of it from the reference viewpoint.
+
+    Infinite for what meets the cell. ``walls`` are those of ``city``. Without ``sight`` every wall that faces the cell may
+    be seen in whole.
+    """
+    outlook = _outlook(cell, walls, objects, sight)
+    parallax = _self_parallax(
+        outlook.a,
+        outlook.b,
+        outlook.bottom,
+        outlook.low,
+        outlook.top,
+        outlook.first,
+        outlook.whence,
+        outlook.viewpoints,
+        outlook.rise,
+    )
+    footprints = [city.objects[i].footprint for i in objects]
+    parallax[shapely.distance(footprints, cell_region(cell)) <= _TOUCHING] = math.inf
+    return parallax
+
+
+def same_ray_weights(
+    cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], sight: Sight | None, *, quad: float
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Pairs (m, 2) of indices into ``objects`` that share rays, and how far points of them on one ray part, (m,) radians.
+
+    ``quad`` is the angle in radians within which rays count as one. No object may meet the cell. Pairs that are not
+    listed weigh nothing.
+    """
+    outlook = _outlook(cell, walls, objects, sight)
+    columns = max(8, math.ceil(2.0 * math.pi / quad))
+    table = _pair_weights(
+        outlook.a,
+        outlook.b,
+        outlook.bottom,
+        outlook.low,
+        outlook.top,
+        outlook.owner,
+        len(objects),
+        outlook.whence,
+        outlook.viewpoints,
+        outlook.rise,
+        columns,
+    )
+    table = np.triu(np.maximum(table, table.T), 1)
+    pairs = np.argwhere(table > 0.0)
+    return pairs, table[pairs[:, 0], pairs[:, 1]]
+
+
+def _outlook(cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], sight: Sight | None) -> _Outlook:
+    index = walls.of(objects)
+    counts = walls.first[objects + 1] - walls.first[objects]
+    x, y, eye = cell.reference
+    a, b = walls.a[index] - (x, y), walls.b[index] - (x, y)
+    bottom, top = walls.bottom[index] - eye, walls.top[index] - eye
+    corners = cell.corners - (x, y)
+    bins = 64 if sight is None else sight.bins
+    bits = np.full(len(index), 2**64 - 1, dtype=np.uint64) if sight is None else sight.bits[index]
+    low = bottom if sight is None else np.maximum(bottom, sight.lowest[index] - eye)
+    viewpoints = _around(corners, np.arange(2 * bins) / (2 * bins))
+    whence = _whence(a, b, np.where(low < top, bits, np.uint64(0)), bins, corners, viewpoints)
+    return _Outlook(
+        a=a,
+        b=b,
+        bottom=bottom,
+        low=low,
+        top=top,
+        owner=np.repeat(np.arange(len(objects)), counts),
+        first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        whence=whence,
+        viewpoints=viewpoints,
+        rise=0.5 * (cell.eye[1] - cell.eye[0]),
+    )
+
+
+def _around(corners: NDArray[np.float64], fractions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points at ``fractions`` (k,) of the way around the rectangle of ``corners`` (4, 2), from its first corner."""
+    outline = shapely.linearrings(corners)
+    return np.asarray(
+        shapely.get_coordinates(shapely.line_interpolate_point(outline, fractions, normalized=True)), dtype=np.float64
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _whence(
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    bits: NDArray[np.uint64],
+    bins: int,
+    corners: NDArray[np.float64],
+    viewpoints: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """(w, p): the viewpoints in a wall's bins that it faces, and those where lines of sight from them leave the cell.
+
+    Viewpoint 2 i begins bin i, 2 i + 1 is its middle.
+    """
+    p = len(viewpoints)
+    length, width = corners[1] - corners[0], corners[2] - corners[1]
+    along, across = math.hypot(length[0], length[1]), math.hypot(width[0], width[1])
+    around = 2.0 * (along + across)
+    ux, uy = length / along
+    whence = np.zeros((len(a), p), dtype=np.bool_)
+    seen, left = np.empty(p, dtype=np.bool_), np.empty(p, dtype=np.bool_)
+    for w in range(len(a)):
+        if bits[w] == 0:
+            continue
+        ex, ey = b[w, 0] - a[w, 0], b[w, 1] - a[w, 1]
+        seen[:] = False
+        for i in range(bins):
+            if bits[w] >> np.uint64(i) & np.uint64(1):
+                for k in (2 * i, 2 * i + 1, (2 * i + 2) % p):
+                    # The middle of a bin stands for it all: what faces its ends only may not face it.
+                    x, y = a[w, 0] - viewpoints[k, 0], a[w, 1] - viewpoints[k, 1]
+                    seen[k] = seen[k] or x * ey - y * ex <= 0.0
+        left[:] = seen
+        for k in range(p):
+            if not seen[k]:
+                continue
+            for end in range(2):
+                x = (b[w, 0] if end else a[w, 0]) - viewpoints[k, 0]
+                y = (b[w, 1] if end else a[w, 1]) - viewpoints[k, 1]
+                # In the cell's frame, from its first corner: where the line towards (x, y) leaves [0, along] x [0, across].
+                fx, fy = viewpoints[k, 0] - corners[0, 0], viewpoints[k, 1] - corners[0, 1]
+                px, py = fx * ux + fy * uy, fy * ux - fx * uy
+                dx, dy = x * ux + y * uy, y * ux - x * uy
+                tx = ((along if dx > 0.0 else 0.0) - px) / dx if dx != 0.0 else math.inf
+                ty = ((across if dy > 0.0 else 0.0) - py) / dy if dy != 0.0 else math.inf
+                t = max(min(tx, ty), 0.0)
+                qx, qy = px + t * dx, py + t * dy
+                if tx < ty:
+                    at = along + qy if dx > 0.0 else 2.0 * along + across + (across - qy)
+                else:
+                    at = along + across + (along - qx) if dy > 0.0 else qx
+                place = int(math.floor(at / around * p))
+                left[place % p] = left[(place + 1) % p] = True
+        whence[w] = left
+    return whence
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def _widest(
+    near: float,
+    far: float,
+    slope: float,
+    along: NDArray[np.float64],
+    aside: NDArray[np.float64],
+    whence: NDArray[np.bool_],
+    rise: float,
+) -> float:
+    """Largest square of the chord between the directions to two points of a ray, over the viewpoints of ``whence`` (p,).
+
+    The points are ``near`` and ``far`` metres away (horizontally) on the ray of that slope; the viewpoints are ``along`` and
+    ``aside`` (p,) metres from the reference, along the ray and to its side. ``rise`` metres more or less of height add what
+    they turn the two directions by.
+    """
+    most = 0.0
+    for k in range(len(whence)):
+        if not whence[k]:
+            continue
+        x1, x2, y = near - along[k], far - along[k], aside[k]
+        z1, z2 = slope * near, slope * far
+        n1, n2 = 1.0 / math.sqrt(x1 * x1 + y * y + z1 * z1), 1.0 / math.sqrt(x2 * x2 + y * y + z2 * z2)
+        dx, dy, dz = x1 * n1 - x2 * n2, y * (n1 - n2), abs(z1 * n1 - z2 * n2) + rise * abs(n1 - n2)
+        most = max(most, dx * dx + dy * dy + dz * dz)
+    return most
+
+
+@njit(cache=True, error_model="numpy")
+def _angle(chord_square: float) -> float:
+    """The angle between unit vectors whose tips are that far apart."""
+    return 2.0 * math.asin(min(0.5 * math.sqrt(chord_square), 1.0))
+
+
+@njit(cache=True, error_model="numpy")
+def _level(low: float, high: float) -> float:
+    """The number in [low, high] that is closest to zero."""
+    return min(max(0.0, low), high)
+
+
+@njit(cache=True, error_model="numpy")
+def _self_parallax(
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    bottom: NDArray[np.float64],
+    low: NDArray[np.float64],
+    top: NDArray[np.float64],
+    first: NDArray[np.int64],
+    whence: NDArray[np.bool_],
+    viewpoints: NDArray[np.float64],
+    rise: float,
+) -> NDArray[np.float64]:
+    """Rays through the ends of every wall that may be seen, just beside them, and through points between."""
+    n, p = len(first) - 1, len(viewpoints)
+    parallax = np.zeros(n)
+    along, aside = np.empty(p), np.empty(p)
+    for one in range(n):
+        start, end = first[one], first[one + 1]
+        hits, walls = np.empty(end - start), np.empty(end - start, dtype=np.int64)
+        most = 0.0
+        for w in range(start, end):
+            if not whence[w].any():
+                continue
+            for ray in range(4 + len(_WITHIN)):
+                t = 0.0 if ray < 2 else 1.0 if ray < 4 else _WITHIN[ray - 4]
+                x, y = a[w, 0] + t * (b[w, 0] - a[w, 0]), a[w, 1] + t * (b[w, 1] - a[w, 1])
+                turn = 0.0 if ray >= 4 else _ASIDE if ray % 2 else -_ASIDE
+                x, y = x - turn * y, y + turn * x
+                distance = math.hypot(x, y)
+                ux, uy = x / distance, y / distance
+                count = 0
+                for i in range(start, end):
+                    ca, cb = ux * a[i, 1] - uy * a[i, 0], ux * b[i, 1] - uy * b[i, 0]
+                    if (ca > 0.0) == (cb > 0.0):
+                        continue
+                    s = ca / (ca - cb)
+                    hit = ux * (a[i, 0] + s * (b[i, 0] - a[i, 0])) + uy * (a[i, 1] + s * (b[i, 1] - a[i, 1]))
+                    if hit > 0.0:
+                        hits[count], walls[count] = hit, i
+                        count += 1
+                for k in range(p):
+                    along[k] = ux * viewpoints[k, 0] + uy * viewpoints[k, 1]
+                    aside[k] = ux * viewpoints[k, 1] - uy * viewpoints[k, 0]
+                for i in range(count):
+                    back, far = walls[i], hits[i]
+                    if not whence[back].any():
+                        continue
+                    for j in range(count):
+                        front, near = walls[j], hits[j]
+                        facing = a[front, 0] * b[front, 1] - a[front, 1] * b[front, 0] < 0.0
+                        if not facing or near >= far * (1.0 - _APART):
+                            continue
+                        lowest = max(bottom[front] / near, low[back] / far)
+                        highest = min(top[front] / near, top[back] / far)
+                        if lowest > highest:
+                            continue
+                        for slope in (_level(lowest, highest), highest):
+                            most = max(most, _widest(near, far, slope, along, aside, whence[back], rise))
+        parallax[one] = _angle(most)
+    return parallax
+
+
+@njit(cache=True, error_model="numpy")
+def _columns_of(
+    ax: float, ay: float, bx: float, by: float, columns: int, rays: NDArray[np.float64], spans: NDArray[np.float64]
+) -> tuple[int, int]:
+    """The first column that a wall touches and how many; ``spans`` (columns, 2) gets its least and largest distance in each."""
+    scale = columns / (2.0 * math.pi)
+    if ax * by - ay * bx < 0.0:
+        ax, ay, bx, by = bx, by, ax, ay
+    start = math.atan2(ay, ax) * scale
+    end = start + math.atan2(ax * by - ay * bx, ax * bx + ay * by) * scale
+    ex, ey = bx - ax, by - ay
+    square = ex * ex + ey * ey
+    t = min(max(-(ax * ex + ay * ey) / square, 0.0), 1.0) if square > 0.0 else 0.0
+    fx, fy = ax + t * ex, ay + t * ey
+    foot = start + math.atan2(ax * fy - ay * fx, ax * fx + ay * fy) * scale
+    cross = ax * ey - ay * ex
+    begin, last = int(math.floor(start)), int(math.floor(end))
+    entering = math.hypot(ax, ay)
+    for column in range(begin, last + 1):
+        leaving = math.hypot(bx, by)
+        if column < last:
+            ray = (column + 1) % columns
+            leaving = cross / (rays[ray, 0] * ey - rays[ray, 1] * ex)
+        least = min(entering, leaving)
+        if column <= foot < column + 1:
+            least = math.hypot(fx, fy)
+        spans[column - begin, 0], spans[column - begin, 1] = least, max(entering, leaving)
+        entering = leaving
+    return begin, last - begin + 1
+
+
+@njit(cache=True, error_model="numpy")
+def _pair_weights(
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    bottom: NDArray[np.float64],
+    low: NDArray[np.float64],
+    top: NDArray[np.float64],
+    owner: NDArray[np.int64],
+    n: int,
+    whence: NDArray[np.bool_],
+    viewpoints: NDArray[np.float64],
+    rise: float,
+    columns: int,
+) -> NDArray[np.float64]:
+    """(n, n) radians: [i, j] for what of object j may open behind i. Column by column: the nearest of each object that faces
+    the reference against every wall of another that may be seen, in this column and its neighbours."""
+    p, quad = len(viewpoints), 2.0 * math.pi / columns
+    turn = np.arange(columns) * quad
+    rays = np.stack((np.cos(turn), np.sin(turn)), axis=1)
+    spans = np.empty((columns + 2, 2))
+    # Per column and object: distance, least and largest slope of what is nearest of it there.
+    nearest = np.full((columns, n), math.inf)
+    lowest, highest = np.full((columns, n), math.inf), np.full((columns, n), -math.inf)
+    counts = np.zeros(columns + 1, dtype=np.int64)
+    for w in range(len(a)):
+        begin, many = _columns_of(a[w, 0], a[w, 1], b[w, 0], b[w, 1], columns, rays, spans)
+        facing = a[w, 0] * b[w, 1] - a[w, 1] * b[w, 0] < 0.0
+        visible = whence[w].any()
+        for k in range(many):
+            column = (begin + k) % columns
+            if facing:
+                i, (least, most) = owner[w], spans[k]
+                nearest[column, i] = min(nearest[column, i], least)
+                lowest[column, i] = min(lowest[column, i], bottom[w] / (least if bottom[w] < 0.0 else most))
+                highest[column, i] = max(highest[column, i], top[w] / (least if top[w] > 0.0 else most))
+        if visible:
+            for k in range(-1, many + 1):
+                counts[(begin + k) % columns + 1] += 1
+    starts = np.cumsum(counts)
+    place = starts[:-1].copy()
+    behind, reach = np.empty(starts[-1], dtype=np.int64), np.empty((starts[-1], 2))
+    for w in range(len(a)):
+        if not whence[w].any():
+            continue
+        begin, many = _columns_of(a[w, 0], a[w, 1], b[w, 0], b[w, 1], columns, rays, spans)
+        for k in range(-1, many + 1):
+            column = (begin + k) % columns
+            inside = min(max(k, 0), many - 1)
+            behind[place[column]], reach[place[column]] = w, spans[inside]
+            place[column] += 1
+    chords = np.zeros((n, n))
+    along, aside = np.empty(p), np.empty(p)
+    fronts = np.empty(n, dtype=np.int64)
+    for column in range(columns):
+        many = 0
+        for i in range(n):
+            if nearest[column, i] < math.inf:
+                fronts[many] = i
+                many += 1
+        if not many or starts[column] == starts[column + 1]:
+            continue
+        ux, uy = math.cos(turn[column] + 0.5 * quad), math.sin(turn[column] + 0.5 * quad)
+        for k in range(p):
+            along[k] = ux * viewpoints[k, 0] + uy * viewpoints[k, 1]
+            aside[k] = ux * viewpoints[k, 1] - uy * viewpoints[k, 0]
+        for entry in range(starts[column], starts[column + 1]):
+            w, (least, far) = behind[entry], reach[entry]
+            j = owner[w]
+            bottommost = low[w] / (least if low[w] < 0.0 else far)
+            topmost = top[w] / (least if top[w] > 0.0 else far)
+            for f in range(many):
+                i = fronts[f]
+                near = nearest[column, i]
+                if i == j or near >= far * (1.0 - _APART):
+                    continue
+                from_slope = max(lowest[column, i], bottommost) - quad
+                to_slope = min(highest[column, i], topmost) + quad
+                if from_slope > to_slope:
+                    continue
+                for slope in (_level(from_slope, to_slope), to_slope):
+                    chord = _widest(near, far, slope, along, aside, whence[w], rise)
+                    chords[i, j] = max(chords[i, j], chord)
+    return 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(chords), 1.0))
