@@ -28,10 +28,11 @@ from mmi.meshing import covered_windows, grid_mesh
 from mmi.parallax import critical_zone_weights
 from mmi.parameters import BuildParameters
 from mmi.ray_parallax import same_ray_weights, self_parallax
-from mmi.sectors import Walls, layer_views, texel_focal, walls_of
+from mmi.sectors import Walls, layer_views, walls_of
 from mmi.segmentation import near_by_distance, near_by_parallax, near_by_slope, near_by_triangles
 from mmi.selection import Extractor, Selection, chain, everything
 from mmi.surfaces import CityMesh, build_city_mesh
+from mmi.unseen import without_unseen
 from mmi.visibility import Identify, horizon_extractor, item_buffer_extractor, prepare_horizon
 
 if TYPE_CHECKING:
@@ -188,17 +189,25 @@ def capture_layers(
     """The depth textures and grid meshes of a plan's layers, each sector of one after the other (paper section 5.1)."""
     parameters, watch, cell = scene.parameters, watch or Stopwatch(), plan.selection.cell
     viewpoints = np.column_stack([cell.corners, np.full(4, cell.reference[2])])
+    sight = plan.selection.sight
     for index, objects in enumerate(plan.layers):
         with watch.stage("windows"):
-            focal = texel_focal(scene.walls, objects, cell, parameters.camera.focal)
             views = layer_views(
-                scene.walls, objects, cell, sectors=parameters.sectors, focal=focal, quad=parameters.quad
+                scene.walls,
+                objects,
+                cell,
+                sectors=parameters.sectors,
+                focal=parameters.camera.focal,
+                quad=parameters.quad,
+                sight=sight,
             )
         textures = capturer.captures(objects, [view for _, view in views], supersample=parameters.supersample)
         for sector, _ in views:
             with watch.stage("capture"):
                 whole = next(textures)
             with watch.stage("meshing"):
+                if sight is not None:
+                    whole = without_unseen(whole, scene.walls, sight)
                 parts = _parts(whole, parameters.quad, math.tan(math.pi / parameters.sectors))
             del whole
             for part, texture in enumerate(parts):

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from mmi.camera import View, level_view
 from mmi.cells import ViewingCell
 from mmi.city import City
+from mmi.selection import Sight
 
-__all__ = ["Walls", "layer_views", "texel_focal", "walls_of"]
+__all__ = ["Walls", "layer_views", "texel_ratios", "walls_of"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,14 +60,13 @@ def walls_of(city: City) -> Walls:
     return Walls(*arrays)
 
 
-def texel_focal(walls: Walls, objects: NDArray[np.int64], cell: ViewingCell, focal: float) -> float:
-    """Focal length of a capture whose texels appear no larger than a display's pixels from anywhere in the cell.
+def texel_ratios(walls: Walls, index: NDArray[np.int64], cell: ViewingCell) -> NDArray[np.float64]:
+    """How much finer than a display's pixels, at least 1, texels of walls ``index`` (k,) need to be, (k,).
 
-    A texel at distance d from the reference covers d / ``focal`` metres; from the nearest point of the cell, at distance
-    d', a pixel covers d' / ``focal``. So the display's focal length grows by the largest d / d' over the objects' walls
-    (taken at their ends, thirds and at the foot of the perpendicular; the ratio is smooth in between).
+    So that from nowhere in the cell they appear larger than a pixel: a texel at distance d from the reference covers
+    d / focal metres; from the nearest point of the cell, at distance d', a pixel covers d' / focal. So it is the largest d / d'
+    over a wall (taken at its ends, thirds and at the foot of the perpendicular; the ratio is smooth in between).
     """
-    index = walls.of(objects)
     along = np.subtract(cell.q, cell.p) / cell.length
     axes = np.array([along, [-along[1], along[0]]])
     a = (walls.a[index] - cell.reference[:2]) @ axes.T
@@ -76,34 +76,53 @@ def texel_focal(walls: Walls, objects: NDArray[np.int64], cell: ViewingCell, foc
     points = a + t[..., None] * step
     outside = np.maximum(np.abs(points) - [0.5 * cell.length, cell.half_width], 0.0)
     from_cell = np.maximum(np.hypot(outside[..., 0], outside[..., 1]), 1.0)
-    return focal * max(1.0, float(np.max(np.hypot(points[..., 0], points[..., 1]) / from_cell)))
+    ratios = np.max(np.hypot(points[..., 0], points[..., 1]) / from_cell, axis=0)
+    return np.asarray(np.maximum(ratios, 1.0), dtype=np.float64)
 
 
 def layer_views(
-    walls: Walls, objects: NDArray[np.int64], cell: ViewingCell, *, sectors: int, focal: float, quad: int
+    walls: Walls,
+    objects: NDArray[np.int64],
+    cell: ViewingCell,
+    *,
+    sectors: int,
+    focal: float,
+    quad: int,
+    sight: Sight | None = None,
 ) -> list[tuple[int, View]]:
-    """(sector, view) for every sector that the objects appear in.
+    """(sector, view) for every sector that the objects appear in, as far as ``sight`` leaves something of their walls.
 
-    Windows are whole quads of ``quad`` texels and reach one quad beyond the sector's borders, so that the meshes of
-    neighbouring sectors overlap and no gap opens between them.
+    ``focal`` is the display's; each view has texels as fine as the walls in it need (see :func:`texel_ratios`). Windows are
+    whole quads of ``quad`` texels and reach one quad beyond the sector's borders, so that the meshes of neighbouring
+    sectors overlap and no gap opens between them.
     """
     eye = cell.reference
     half = math.pi / sectors
-    border = quad * (math.ceil(focal * math.tan(half) / quad) + 1)
     index = walls.of(objects)
+    low = walls.bottom[index]
+    if sight is not None:
+        low = np.maximum(low, sight.lowest[index])
+        shows = low < walls.top[index]
+        index, low = index[shows], low[shows]
+    ratios = texel_ratios(walls, index, cell)
     a, b = walls.a[index] - eye[:2], walls.b[index] - eye[:2]
-    bottom, top = walls.bottom[index] - eye[2], walls.top[index] - eye[2]
+    bottom, top = low - eye[2], walls.top[index] - eye[2]
     views = []
     for sector in range(sectors):
         azimuth = 2.0 * half * sector
-        u, v_low, v_high = _project(a, b, bottom, top, azimuth, focal, border / focal)
-        if not u.size:
+        within = _project(a, b, bottom, top, azimuth, focal, math.tan(half) + 2.0 * quad / focal)[0]
+        if not within.any():
+            continue
+        fine = focal * float(ratios[within].max())
+        border = quad * (math.ceil(fine * math.tan(half) / quad) + 1)
+        seen, u, v_low, v_high = _project(a, b, bottom, top, azimuth, fine, border / fine)
+        if not seen.any():
             continue
         left = max(quad * math.floor(u.min() / quad), -border)
         right = min(quad * math.ceil(u.max() / quad), border)
         upper, lower = quad * math.floor(v_low.min() / quad), quad * math.ceil(v_high.max() / quad)
         window = (left, upper, max(right - left, quad), max(lower - upper, quad))
-        views.append((sector, level_view(eye, azimuth, focal=focal, window=window)))
+        views.append((sector, level_view(eye, azimuth, focal=fine, window=window)))
     return views
 
 
@@ -115,8 +134,8 @@ def _project(
     azimuth: float,
     focal: float,
     spread: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Walls clipped to |x| <= ``spread`` * depth, as far as they remain: u (k, 2), least v (k, 2), largest v (k, 2)."""
+) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Walls clipped to |x| <= ``spread`` * depth: which remain (n,), their u (k, 2), least v (k, 2), largest v (k, 2)."""
     forward = np.array([math.cos(azimuth), math.sin(azimuth)])
     right = np.array([math.sin(azimuth), -math.cos(azimuth)])
     xa, da, xb, db = a @ right, a @ forward, b @ right, b @ forward
@@ -136,4 +155,4 @@ def _project(
     x = xa[seen, None] + t * (xb - xa)[seen, None]
     depth = da[seen, None] + t * (db - da)[seen, None]
     v_top, v_bottom = -focal * top[seen, None] / depth, -focal * bottom[seen, None] / depth
-    return focal * x / depth, np.minimum(v_top, v_bottom), np.maximum(v_top, v_bottom)
+    return seen, focal * x / depth, np.minimum(v_top, v_bottom), np.maximum(v_top, v_bottom)
