@@ -1,4 +1,4 @@
-"""Does the bound hold? Random views anywhere in the cells, any heading: how thick wrong regions get, and how far surfaces are off.
+"""Does the bound hold? Random views in the cells: how thick wrong regions get, and how far surfaces are off.
 
     build-impostors CITY -o OUT --max-error 5
     python benchmarks/bound.py OUT [OUT ...] --views 2000
@@ -51,7 +51,9 @@ def measure(folder: Path, views: int, seed: int, worst: Path | None, keep: int) 
             angles = shown.displacement[np.isfinite(shown.displacement)].astype(np.float64)
             displaced = camera.focal * math.tan(min(float(angles.max(initial=0.0)), 1.5))
             thick = thickness(regions.wrong)
-            found.append((thick, thickness(beyond_resampling(truth, shown).wrong), displaced, float(regions.wrong.mean())))
+            found.append(
+                (thick, thickness(beyond_resampling(truth, shown).wrong), displaced, float(regions.wrong.mean()))
+            )
             if worst is not None and (thick, number) >= sorted([(f[0], i) for i, f in enumerate(found)])[-keep:][0]:
                 worst.mkdir(parents=True, exist_ok=True)
                 name = worst / f"{folder.name}-{thick:05.1f}-{number}-{cell}.png"

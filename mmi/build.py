@@ -24,7 +24,7 @@ from mmi.dilation import dilate
 from mmi.errors import ParameterError
 from mmi.impostor import DepthTexture, Impostor, Layer
 from mmi.layering import assign_layers, event_graph, panorama_boxes
-from mmi.meshing import covered_windows, grid_mesh
+from mmi.meshing import covered_windows, displacement, grid_mesh
 from mmi.parallax import critical_zone_weights
 from mmi.parameters import BuildParameters
 from mmi.ray_parallax import same_ray_weights, self_parallax
@@ -53,7 +53,7 @@ _ALWAYS_NEAR = 4.0
 """Metres: what is closer to the cell than this is geometry whatever the triangle budget; a viewer could touch it."""
 _FINEST_QUAD = 8
 """Texels: rays this close to each other count as one, since a mesh connects them."""
-_MESH_SHARE = 0.25
+_MESH_SHARE = 0.5
 """Of the threshold: what a mesh may displace where depth does not jump."""
 _COLOR_REACH = 4
 """Texels that colour is dilated beyond silhouettes."""
@@ -214,7 +214,8 @@ def capture_layers(
                 with watch.stage("meshing"):
                     mesh = grid_mesh(texture, viewpoints=viewpoints, tolerance=_MESH_SHARE * parameters.max_angle)
                     shown = np.unique(texture.object_ids[texture.coverage]).astype(np.int64)
-                yield Layer(index, sector, part, shown, texture, mesh)
+                    displaced = displacement(texture, mesh, viewpoints)
+                yield Layer(index, sector, part, shown, texture, mesh, displaced)
         textures.close()
 
 

@@ -1,12 +1,12 @@
 """A cell's impostor as files, and back: depth textures in one multi-part OpenEXR, meshes and textures in one binary glTF.
 
 Part, node and texture of layer 2 in sector 0 are all named ``s0.l2``, and ``s0.l2.1`` where it has a second picture there.
-The EXR holds, for other programs, colour (linear half floats, alpha is coverage), Z (float, eye-space metres, infinite where
-nothing was hit) and id (unsigned: 0, or the place of the object in the cell's list ``far``, from 1), in the capture's own
-pixel coordinates: its data window counts from the principal point. The glTF holds what is drawn: vertices in the city's
-frame, colour dilated beyond silhouettes, coverage as alpha. It also says how each texture was captured (``sector``,
-``focal``, ``window``, ``eye``). Who only draws reads the glTF alone (:func:`read_pictures`); depth and ids are for measuring
-and for telling which of two layers is in front (:func:`read_depths`).
+The glTF holds what is drawn: vertices in the city's frame, and a WebP picture of colour, dilated beyond silhouettes, with
+coverage as alpha (lossless, whatever the quality of the colour). It also says how each texture was captured (``sector``,
+``focal``, ``window``, ``eye``). The EXR holds the rest of the depth textures: Z (half, eye-space metres, infinite where nothing
+was hit) and id (unsigned: 0, or the place of the object in the cell's list ``far``, from 1), in the capture's own pixel
+coordinates: its data window counts from the principal point. Who only draws reads the glTF alone (:func:`read_pictures`);
+depth and ids are for measuring and for telling which of two layers is in front (:func:`read_depths`).
 
 The city's geometry, which all cells share, is one more glTF: nodes of objects, then tiles of the ground.
 """
@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 import OpenEXR
-from numba import njit
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -34,7 +33,6 @@ from mmi.errors import DatasetError, ParameterError
 from mmi.glb import GlbImage, GlbNode, GlbPrimitive, GlbScene, glb_bytes, read_glb
 from mmi.ground import ground_mesh
 from mmi.impostor import DepthTexture, GridMesh, Impostor, Layer, LayerPicture
-from mmi.srgb import linear_from_srgb
 from mmi.surfaces import CityMesh, build_city_mesh
 
 __all__ = [
@@ -103,14 +101,15 @@ def write_cell(
     nodes: list[GlbNode] = []
     images: list[GlbImage] = []
     parts: list[OpenEXR.Part] = []
-    texels = 0
+    texels, displaced = 0, 0.0
     for layer in layers:
         with watch.stage("encoding"):
             nodes.append(_node(layer, image=len(images)))
-            images.append(_image(layer))
+            images.append(_image(layer, scene.parameters.texture_quality))
             parts.append(_part(layer, place))
             sectors[layer.sector].append(_layer_entry(layer, place))
             texels += layer.texture.depth.size
+            displaced = max(displaced, layer.displacement)
     with watch.stage("writing"):
         extras = {"cell": cell.id, "eye": cell.reference.tolist()}
         gltf = glb_bytes(GlbScene(tuple(nodes), tuple(images), extras))
@@ -132,8 +131,9 @@ def write_cell(
         "near_triangles": int(scene.mesh.triangle_counts[selection.near].sum()),
         "texels": texels,
         "bytes": sum(file["bytes"] for file in files.values()),
-        "promised_error_px": None if scene.parameters.layering == "single" else scene.parameters.max_error_px,
+        "promised_error_px": scene.parameters.max_error_px if scene.parameters.bounded else None,
         "largest_weight_px": _largest_weight_px(scene, plan),
+        "displacement_px": scene.parameters.camera.pixels_from_angle(min(displaced, 1.5)),
         "files": files,
     }
 
@@ -185,7 +185,7 @@ def read_depths(dataset: Dataset, cell: str) -> dict[str, tuple[NDArray[np.float
         parts = {part.name(): part.channels for part in OpenEXR.File(name).parts}
         for _, one in described:
             channels, shape = parts[one["name"]], (one["window"][3], one["window"][2])
-            depth, places = np.array(channels["Z"].pixels), np.array(channels["id"].pixels)
+            depth, places = channels["Z"].pixels.astype(np.float32), np.array(channels["id"].pixels)
             if depth.shape != shape or places.shape != shape or places.max() > len(entry["far"]):
                 raise ValueError(f"{one['name']}: depths and places of {len(entry['far'])} objects, {shape}, expected")
             found[one["name"]] = depth, places
@@ -269,34 +269,17 @@ def _largest_weight_px(scene: Scene, plan: CellPlan) -> float:
 
 
 def _part(layer: Layer, place: NDArray[np.uint32]) -> OpenEXR.Part:
-    """One part of the EXR: RGBA, Z, id."""
-    texture, covered = layer.texture, layer.texture.coverage
-    left, top, width, height = texture.view.window
-    rgba = _half_rgba(texture.color, covered, _HALF_FROM_SRGB.view(np.uint16)).view(np.float16)
+    """One part of the EXR: Z and id."""
+    left, top, width, height = layer.texture.view.window
     corner = np.array([left, top], dtype=np.int32)
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
         "dataWindow": (corner, corner + np.array([width - 1, height - 1], dtype=np.int32)),
-        "focal": float(texture.view.focal),
+        "focal": float(layer.texture.view.focal),
     }
-    channels = {"RGBA": rgba, "Z": np.array(texture.depth), "id": place[texture.object_ids]}
+    channels = {"Z": layer.texture.depth.astype(np.float16), "id": place[layer.texture.object_ids]}
     return OpenEXR.Part(header, channels, name=layer.name)
-
-
-@njit(cache=True)
-def _half_rgba(
-    color: NDArray[np.uint8], covered: NDArray[np.bool_], half_from_srgb: NDArray[np.uint16]
-) -> NDArray[np.uint16]:
-    """(h, w, 4) bits of half floats: linear colour and 1 where covered, 0 elsewhere."""
-    rgba = np.zeros((*covered.shape, 4), dtype=np.uint16)
-    for i in range(covered.shape[0]):
-        for j in range(covered.shape[1]):
-            if covered[i, j]:
-                for k in range(3):
-                    rgba[i, j, k] = half_from_srgb[color[i, j, k]]
-                rgba[i, j, 3] = 0x3C00  # 1.0
-    return rgba
 
 
 def _write_exr(path: Path, parts: list[OpenEXR.Part]) -> None:
@@ -308,12 +291,15 @@ def _write_exr(path: Path, parts: list[OpenEXR.Part]) -> None:
     OpenEXR.File(parts).write(str(path))
 
 
-def _image(layer: Layer) -> GlbImage:
+def _image(layer: Layer, quality: int) -> GlbImage:
     """Colour, dilated beyond the silhouette, and coverage as alpha."""
     pixels = np.empty((*layer.texture.depth.shape, 4), dtype=np.uint8)
     pixels[..., :3] = layer.texture.color
     pixels[..., 3] = np.where(layer.texture.coverage, 255, 0)
-    return GlbImage(_png(pixels))
+    buffer = io.BytesIO()
+    options = {"lossless": True, "quality": 0} if quality == 100 else {"quality": quality}
+    Image.fromarray(pixels).save(buffer, "WEBP", method=2, exact=True, **options)
+    return GlbImage(buffer.getvalue())
 
 
 def _node(layer: Layer, *, image: int) -> GlbNode:
@@ -370,13 +356,3 @@ def _png(pixels: NDArray[np.uint8]) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, "PNG", compress_level=1)
     return buffer.getvalue()
-
-
-def _half_from_srgb() -> NDArray[np.float16]:
-    """(256,) linear light of each sRGB byte; half floats tell all of them apart."""
-    linear = linear_from_srgb(np.arange(256, dtype=np.uint8)).astype(np.float16)
-    linear.setflags(write=False)
-    return linear
-
-
-_HALF_FROM_SRGB = _half_from_srgb()

@@ -157,7 +157,18 @@ def _build_parser() -> Parser:
         "--sectors", type=int, default=default.sectors, metavar="N", help="views around (default: %(default)s)"
     )
     method.add_argument(
-        "--quad", type=int, default=default.quad, metavar="TEXELS", help="side of a mesh cell (default: %(default)s)"
+        "--quad",
+        type=int,
+        default=default.quad,
+        metavar="TEXELS",
+        help="pictures are cut to whole squares of this side (default: %(default)s)",
+    )
+    method.add_argument(
+        "--texture-quality",
+        type=int,
+        default=default.texture_quality,
+        metavar="Q",
+        help="of stored pictures, 1 to 100: WebP, 100 is lossless (default: %(default)s)",
     )
     method.add_argument(
         "--supersample",
@@ -246,6 +257,7 @@ def _parameters(options: argparse.Namespace) -> BuildParameters:
             sectors=options.sectors,
             quad=options.quad,
             supersample=options.supersample,
+            texture_quality=options.texture_quality,
             cell_length=options.cell_length,
             eye=options.eye,
         )

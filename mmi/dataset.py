@@ -39,7 +39,7 @@ __all__ = [
     "with_checksum",
 ]
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 _PROGRAM = "build-impostors"
 _TEMPORARY = ".part"
 

@@ -37,9 +37,14 @@ _DTYPES: Mapping[int, np.dtype[Any]] = MappingProxyType(
     {5123: np.dtype("<u2"), 5125: np.dtype("<u4"), 5126: np.dtype("<f4")}
 )
 _WIDTHS = MappingProxyType({"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4})
-# Attribute -> (its bytes a vertex, component type, type).
+# Attribute and kind of it -> (its bytes a vertex, component type, type).
 _LAYOUT = MappingProxyType(
-    {"POSITION": (12, 5126, "VEC3"), "TEXCOORD_0": (8, 5126, "VEC2"), "COLOR_0": (8, 5123, "VEC4")}
+    {
+        "POSITION": (12, 5126, "VEC3"),
+        "TEXCOORD_0": (8, 5126, "VEC2"),
+        "TEXCOORD_0 in [0, 1]": (4, 5123, "VEC2"),
+        "COLOR_0": (8, 5123, "VEC4"),
+    }
 )
 
 
@@ -70,7 +75,8 @@ class GlbPrimitive:
 
     ``positions`` (n, 3) float32 metres; ``triangles`` (m, 3) int32; ``uv`` (n, 2) float32, v down; ``colors`` (n, 3)
     uint8 multiply the texture; ``image`` is an index into the scene's images. ``masked``: texels with alpha below a half
-    are holes. n and m are at least 1 (glTF has no empty primitives).
+    are holes, and texture coordinates lie in [0, 1] (they are stored in steps of 1 / 65535). n and m are at least 1 (glTF
+    has no empty primitives).
     """
 
     positions: NDArray[np.float32]
@@ -102,6 +108,8 @@ class GlbPrimitive:
         for name in ("positions", "uv"):
             if name in arrays and not np.isfinite(arrays[name]).all():
                 raise ValueError(f"finite {name} expected, found infinities or NaN")
+        if self.masked and "uv" in arrays and not (0.0 <= arrays["uv"].min() and arrays["uv"].max() <= 1.0):
+            raise ValueError("texture coordinates in [0, 1] expected where alpha masks")
         if self.image is not None and (self.uv is None or self.image < 0):
             raise ValueError(f"image {self.image} expected to be an index, with texture coordinates")
         for name, array in arrays.items():
@@ -255,7 +263,11 @@ def _primitive_entry(
     positions = one.positions.astype("<f4")
     attributes = {"POSITION": add("POSITION", positions, 5126, "VEC3")}
     accessors[-1] |= {"min": positions.min(axis=0).tolist(), "max": positions.max(axis=0).tolist()}
-    if one.uv is not None:
+    if one.uv is not None and one.masked:
+        steps = np.rint(65535.0 * one.uv.astype(np.float64)).astype("<u2")
+        attributes["TEXCOORD_0"] = add("TEXCOORD_0 in [0, 1]", steps, 5123, "VEC2")
+        accessors[-1]["normalized"] = True
+    elif one.uv is not None:
         attributes["TEXCOORD_0"] = add("TEXCOORD_0", one.uv.astype("<f4"), 5126, "VEC2")
     if one.colors is not None:
         linear = np.ones((len(one.colors), 4))
@@ -373,15 +385,18 @@ class _Reader:
 
     def primitive(self, entry: dict[str, Any]) -> GlbPrimitive:
         attributes = entry["attributes"]
-        found = {
-            key: self.array(attributes[key], (_LAYOUT[key][1],), _LAYOUT[key][2])
-            for key in _LAYOUT
-            if key in attributes
-        }
+        material = self.document["materials"][_index(entry["material"])]
+        masked = material.get("alphaMode") == "MASK"
+        found = {}
+        for key in ("POSITION", "TEXCOORD_0", "COLOR_0"):
+            if key in attributes:
+                _, component, kind = _LAYOUT["TEXCOORD_0 in [0, 1]" if masked and key == "TEXCOORD_0" else key]
+                found[key] = self.array(attributes[key], (component,), kind)
+        if masked and "TEXCOORD_0" in found:
+            found["TEXCOORD_0"] = (found["TEXCOORD_0"] / 65535.0).astype(np.float32)
         indices = self.array(entry["indices"], (5123, 5125), "SCALAR").astype(np.int64).reshape(-1, 3)
         if indices.size and indices.max() >= len(found["POSITION"]):
             raise ValueError(f"triangle indices below {len(found['POSITION'])} expected, found {indices.max()}")
-        material = self.document["materials"][_index(entry["material"])]
         texture = material["pbrMetallicRoughness"].get("baseColorTexture")
         return GlbPrimitive(
             positions=found["POSITION"],
@@ -389,5 +404,5 @@ class _Reader:
             uv=found.get("TEXCOORD_0"),
             colors=srgb_from_linear(found["COLOR_0"][:, :3] / 65535.0) if "COLOR_0" in found else None,
             image=None if texture is None else _index(texture["index"]),
-            masked=material.get("alphaMode") == "MASK",
+            masked=masked,
         )

@@ -69,6 +69,7 @@ class Layer:
     """A picture of one layer in one sector: ``index`` is its colour in the event graph, ``objects`` (n,) what it shows.
 
     A layer whose objects leave wide gaps between them has several ``part`` s in a sector (0, 1, ... from left to right).
+    ``displacement`` is how far its mesh draws a texel from where it was captured, radians, at most, from the cell's corners.
     """
 
     index: int
@@ -77,6 +78,7 @@ class Layer:
     objects: NDArray[np.int64]
     texture: DepthTexture
     mesh: GridMesh
+    displacement: float = 0.0
 
     @property
     def name(self) -> str:

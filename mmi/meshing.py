@@ -10,7 +10,7 @@ Vertices sit on capture rays, on the plane through the texels around them that b
 along parts of their sides; each is triangulated with all vertices on its outline, so there are no cracks.
 
 Texture coordinates are stored per vertex, and a graphics card interpolates them perspectively, which over a triangle whose
-corners differ in depth is not what the capture saw. Rectangles are cut until the difference is below a quarter of a texel.
+corners differ in depth is not what the capture saw. Rectangles are cut until the difference is below half a texel.
 (The viewer of this project uses projective coordinates, for which there is no difference.)
 """
 
@@ -25,7 +25,7 @@ from mmi.impostor import DepthTexture, GridMesh
 __all__ = ["covered_windows", "displacement", "grid_mesh"]
 
 _LARGEST = 64  # texels: the rectangles that cutting begins with
-_UV_ERROR = 0.25  # texels
+_UV_ERROR = 0.5  # texels
 _REACH = 3  # texels around a vertex that its depth is fitted to
 _ONE_SURFACE = 0.01  # relative difference of depths between neighbouring texels of one surface, at most
 _PART = 4096  # texels: a picture of its own costs about as much as so many empty texels
@@ -61,9 +61,7 @@ def _area(span: tuple[int, int, int, int]) -> int:
     return (span[1] - span[0] + 1) * (span[3] - span[2] + 1)
 
 
-def grid_mesh(
-    texture: DepthTexture, *, viewpoints: NDArray[np.float64], tolerance: float
-) -> GridMesh:
+def grid_mesh(texture: DepthTexture, *, viewpoints: NDArray[np.float64], tolerance: float) -> GridMesh:
     """The mesh of one depth texture, off by no more than ``tolerance`` radians as seen from ``viewpoints`` (k, 3).
 
     Where depth jumps from one texel to the next, the mesh stretches between the two, and texels next to the jump may be
@@ -326,7 +324,7 @@ def _mesh(
     stack.pop()
     for y in range(0, height, _LARGEST):
         for x in range(0, width, _LARGEST):
-            stack.append((x, y, min(x + _LARGEST, width), min(y + _LARGEST, height)))
+            stack.append((x, y, min(x + _LARGEST, width), min(y + _LARGEST, height)))  # noqa: PERF401 (Numba)
     leaves = [(0, 0, 0, 0)]
     leaves.pop()
     while stack:
@@ -399,7 +397,7 @@ def _mesh(
         lattice[count, 0], lattice[count, 1] = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
         values[count] = 0.5 * (known[y0, x0] + known[y1, x1])
         for k in range(around):
-            triangles.append((ring[k], ring[(k + 1) % around], np.int32(count)))
+            triangles.append((ring[k], ring[(k + 1) % around], np.int32(count)))  # noqa: PERF401 (Numba)
         count += 1
     corners_of = np.empty((len(triangles), 3), dtype=np.int32)
     for k in range(len(triangles)):

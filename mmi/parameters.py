@@ -44,8 +44,10 @@ class BuildParameters:
     """(object id, factor): weights of this object's pairs are multiplied by the factor (paper section 4.2)."""
     sectors: int = 6
     quad: int = 16
-    """Side of a mesh's grid cell in texels."""
+    """Texels: pictures of layers are cut to whole squares of this side."""
     supersample: int = 1
+    texture_quality: int = 85
+    """Of the stored pictures of layers, as WebP counts it; 100 is lossless. Coverage always is."""
     cell_length: float = 40.0
     eye: tuple[float, float] = (1.5, 1.9)
 
@@ -70,6 +72,7 @@ class BuildParameters:
         expect(4 <= self.sectors <= 36, "sectors", "4 to 36 sectors")
         expect(8 <= self.quad <= 128 and self.quad % 8 == 0, "quad", "a multiple of 8 from 8 to 128")
         expect(self.supersample in (1, 3, 5), "supersample", "1, 3 or 5")
+        expect(1 <= self.texture_quality <= 100, "texture_quality", "a quality from 1 to 100")
         expect(5.0 <= self.cell_length <= 500.0, "cell_length", "5 to 500 metres")
         expect(0.0 < self.eye[0] <= self.eye[1] < 100.0, "eye", "heights above the ground, low and high, in metres")
         if len({name for name, _ in self.landmarks}) < len(self.landmarks):
@@ -84,6 +87,11 @@ class BuildParameters:
     def max_angle(self) -> float:
         """The threshold T in radians."""
         return self.camera.angle_from_pixels(self.max_error_px)
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the weights bound what layers get wrong, and layers keep to them."""
+        return self.weights == "same-ray" and self.layering != "single"
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: plain values in the same units."""
@@ -113,6 +121,7 @@ class BuildParameters:
             ("sectors", made.sectors),
             ("quad", made.quad),
             ("supersample", made.supersample),
+            ("texture_quality", made.texture_quality),
         ):
             if type(count) is not int:
                 raise ParameterError(f"{name}: a whole number expected, found {count!r}")

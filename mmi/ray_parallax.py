@@ -1,4 +1,4 @@
-"""How far points of one capture ray can move apart in the picture: the weights that bound what a layer gets wrong (docs/bound.md).
+"""How far points of one capture ray move apart in the picture: weights that bound what layers get wrong (docs/bound.md).
 
 A layer is captured once, from the cell's reference viewpoint C. What the capture misses is what some surface of the same
 layer hides from C: a point X behind a point Y on one ray from C. Seen from anywhere else in the cell, whatever opens up
@@ -8,10 +8,11 @@ any two points of two objects counts (the paper's weight, :mod:`mmi.parallax`), 
 - within one object, the *self-parallax*: what its own front hides of its sides and wings. An object that has more of it than
   the user allows stays geometry (:func:`self_parallax`);
 - between two objects, the *weight* of the pair (:func:`same_ray_weights`). Here rays count as one if they fall into one
-  column or its neighbours: meshes connect what is next to each other in the texture, so depths mix within a quad.
+  column or its neighbours: meshes connect what is next to each other in the texture.
 
-X counts only as far as it may be seen at all, and only for viewpoints that may see it: :class:`mmi.selection.Sight` says what
-of a wall is visible from which part of the cell. Rays meet two surfaces at a range of slopes (height over distance). The
+X counts only as far as it may be seen at all, and only for viewpoints that may see it (between two objects, it or what is in
+front of it: the mesh stretches between both): :class:`mmi.selection.Sight` says what of a wall is visible from which part of
+the cell. Rays meet two surfaces at a range of slopes (height over distance). The
 angle is taken at the slope of this range that is closest to level, where moving sideways parts them most, and at the
 steepest, where walking towards them does.
 
@@ -207,7 +208,7 @@ def _whence(
                     at = along + qy if dx > 0.0 else 2.0 * along + across + (across - qy)
                 else:
                     at = along + across + (along - qx) if dy > 0.0 else qx
-                place = int(math.floor(at / around * p))
+                place = math.floor(at / around * p)
                 left[place % p] = left[(place + 1) % p] = True
         whence[w] = left
     return whence
@@ -331,7 +332,7 @@ def _columns_of(
     fx, fy = ax + t * ex, ay + t * ey
     foot = start + math.atan2(ax * fy - ay * fx, ax * fx + ay * fy) * scale
     cross = ax * ey - ay * ex
-    begin, last = int(math.floor(start)), int(math.floor(end))
+    begin, last = math.floor(start), math.floor(end)
     entering = math.hypot(ax, ay)
     for column in range(begin, last + 1):
         leaving = math.hypot(bx, by)
@@ -360,8 +361,11 @@ def _pair_weights(
     rise: float,
     columns: int,
 ) -> NDArray[np.float64]:
-    """(n, n) radians: [i, j] for what of object j may open behind i. Column by column: the nearest of each object that faces
-    the reference against every wall of another that may be seen, in this column and its neighbours."""
+    """(n, n) radians: [i, j] for what of object j may open behind i.
+
+    Column by column: the nearest of each object that faces the reference against every wall of another that may be seen, in
+    this column and its neighbours.
+    """
     p, quad = len(viewpoints), 2.0 * math.pi / columns
     turn = np.arange(columns) * quad
     rays = np.stack((np.cos(turn), np.sin(turn)), axis=1)
@@ -369,6 +373,7 @@ def _pair_weights(
     # Per column and object: distance, least and largest slope of what is nearest of it there.
     nearest = np.full((columns, n), math.inf)
     lowest, highest = np.full((columns, n), math.inf), np.full((columns, n), -math.inf)
+    closest = np.zeros((columns, n), dtype=np.int64)
     counts = np.zeros(columns + 1, dtype=np.int64)
     for w in range(len(a)):
         begin, many = _columns_of(a[w, 0], a[w, 1], b[w, 0], b[w, 1], columns, rays, spans)
@@ -378,7 +383,8 @@ def _pair_weights(
             column = (begin + k) % columns
             if facing:
                 i, (least, most) = owner[w], spans[k]
-                nearest[column, i] = min(nearest[column, i], least)
+                if least < nearest[column, i]:
+                    nearest[column, i], closest[column, i] = least, w
                 lowest[column, i] = min(lowest[column, i], bottom[w] / (least if bottom[w] < 0.0 else most))
                 highest[column, i] = max(highest[column, i], top[w] / (least if top[w] > 0.0 else most))
         if visible:
@@ -398,6 +404,7 @@ def _pair_weights(
             place[column] += 1
     chords = np.zeros((n, n))
     along, aside = np.empty(p), np.empty(p)
+    either = np.empty(p, dtype=np.bool_)
     fronts = np.empty(n, dtype=np.int64)
     for column in range(columns):
         many = 0
@@ -425,7 +432,9 @@ def _pair_weights(
                 to_slope = min(highest[column, i], topmost) + quad
                 if from_slope > to_slope:
                     continue
+                for k in range(p):
+                    either[k] = whence[w, k] or whence[closest[column, i], k]
                 for slope in (_level(from_slope, to_slope), to_slope):
-                    chord = _widest(near, far, slope, along, aside, whence[w], rise)
+                    chord = _widest(near, far, slope, along, aside, either, rise)
                     chords[i, j] = max(chords[i, j], chord)
     return 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(chords), 1.0))

@@ -1,6 +1,6 @@
-"""Texels of a capture that nobody in the cell can see: they are left out, as each is captured without the layers in front of it.
+"""Texels of a capture that nobody in the cell can see: they are left out.
 
-A layer's picture holds whatever of its objects the reference viewpoint would see if the rest of the city were not there. Much
+A layer is captured without the layers in front of it. Its picture holds whatever of its objects the reference viewpoint would see if the rest of the city were not there. Much
 of that is hidden, from everywhere in the cell, by near objects and by other layers: :class:`mmi.selection.Sight` knows the
 lowest visible point of each wall. What is below takes memory for nothing, and mixes into the depths of what is visible
 beside it, so it goes.
