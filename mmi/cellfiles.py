@@ -47,6 +47,7 @@ __all__ = [
 ]
 
 _GROUND_MARGIN = 300.0
+_TILE = 512
 
 
 def city_glb(city: City) -> tuple[bytes, int]:
@@ -272,9 +273,12 @@ def _part(layer: Layer, place: NDArray[np.uint32]) -> OpenEXR.Part:
     """One part of the EXR: Z and id."""
     left, top, width, height = layer.texture.view.window
     corner = np.array([left, top], dtype=np.int32)
+    tiles = OpenEXR.TileDescription()  # one or few: each is compressed on its own
+    tiles.xSize = tiles.ySize = _TILE
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
+        "type": OpenEXR.tiledimage,
+        "tiles": tiles,
         "dataWindow": (corner, corner + np.array([width - 1, height - 1], dtype=np.int32)),
         "focal": float(layer.texture.view.focal),
     }

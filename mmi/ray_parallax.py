@@ -56,6 +56,7 @@ class _Outlook:
     ``a``, ``b`` (w, 2) metres from the reference; ``bottom``, ``low``, ``top`` (w,) metres above it: the wall, and the lowest
     that is visible of it; ``owner`` (w,) counts in the list of objects, object i has walls ``first[i]`` to ``first[i + 1]``.
     ``whence`` (w, p): which of the ``viewpoints`` (p, 2), metres from the reference, may see it, none where it is hidden.
+    ``open`` (w,): of a prism whose underside or roof may be seen, which ends at this wall; all viewpoints count for these.
     ``rise`` is half the height of the eye band in metres.
     """
 
@@ -67,6 +68,7 @@ class _Outlook:
     owner: NDArray[np.int64]
     first: NDArray[np.int64]
     whence: NDArray[np.bool_]
+    open: NDArray[np.bool_]
     viewpoints: NDArray[np.float64]
     rise: float
 
@@ -115,6 +117,7 @@ def same_ray_weights(
         outlook.owner,
         len(objects),
         outlook.whence,
+        outlook.open,
         outlook.viewpoints,
         outlook.rise,
         columns,
@@ -133,9 +136,12 @@ def _outlook(cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], sight:
     corners = cell.corners - (x, y)
     bins = 64 if sight is None else sight.bins
     bits = np.full(len(index), 2**64 - 1, dtype=np.uint64) if sight is None else sight.bits[index]
-    low = bottom if sight is None else np.maximum(bottom, sight.lowest[index] - eye)
+    low = bottom.copy() if sight is None else np.maximum(bottom, sight.lowest[index] - eye)
     viewpoints = _around(corners, np.arange(2 * bins) / (2 * bins))
     whence = _whence(a, b, np.where(low < top, bits, np.uint64(0)), bins, corners, viewpoints)
+    rise = 0.5 * (cell.eye[1] - cell.eye[0])
+    ends = (bottom > -rise) | (top < rise)
+    whence[ends], low[ends] = True, bottom[ends]
     return _Outlook(
         a=a,
         b=b,
@@ -145,8 +151,9 @@ def _outlook(cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], sight:
         owner=np.repeat(np.arange(len(objects)), counts),
         first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         whence=whence,
+        open=ends,
         viewpoints=viewpoints,
-        rise=0.5 * (cell.eye[1] - cell.eye[0]),
+        rise=rise,
     )
 
 
@@ -357,6 +364,7 @@ def _pair_weights(
     owner: NDArray[np.int64],
     n: int,
     whence: NDArray[np.bool_],
+    ends: NDArray[np.bool_],
     viewpoints: NDArray[np.float64],
     rise: float,
     columns: int,
@@ -381,9 +389,9 @@ def _pair_weights(
         visible = whence[w].any()
         for k in range(many):
             column = (begin + k) % columns
-            if facing:
+            if facing or ends[w]:
                 i, (least, most) = owner[w], spans[k]
-                if least < nearest[column, i]:
+                if facing and least < nearest[column, i]:
                     nearest[column, i], closest[column, i] = least, w
                 lowest[column, i] = min(lowest[column, i], bottom[w] / (least if bottom[w] < 0.0 else most))
                 highest[column, i] = max(highest[column, i], top[w] / (least if top[w] > 0.0 else most))

@@ -1,9 +1,9 @@
 """Texels of a capture that nobody in the cell can see: they are left out.
 
-A layer is captured without the layers in front of it. Its picture holds whatever of its objects the reference viewpoint would see if the rest of the city were not there. Much
-of that is hidden, from everywhere in the cell, by near objects and by other layers: :class:`mmi.selection.Sight` knows the
-lowest visible point of each wall. What is below takes memory for nothing, and mixes into the depths of what is visible
-beside it, so it goes.
+A layer is captured without what is in front of it, so its picture holds all of its objects that the reference viewpoint would
+see if the rest of the city were not there. Much of that is hidden, from everywhere in the cell, by near objects and by other
+layers: :class:`mmi.selection.Sight` knows the lowest visible point of each wall. What is below takes memory for nothing, and
+mixes into the depths of what is visible beside it.
 """
 
 from __future__ import annotations
