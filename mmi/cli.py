@@ -117,6 +117,14 @@ def _build_parser() -> Parser:
     )
     quality.add_argument("--fov", type=float, default=60.0, metavar="DEG", help="across the display (default: 60)")
 
+    budget = parser.add_argument_group(
+        "budgets of a cell",
+        "A cell that exceeds one is cut in halves, down to 5 m: shorter cells need less for the same error.",
+    )
+    budget.add_argument("--max-layers", type=int, metavar="N")
+    budget.add_argument("--max-triangles", type=int, metavar="N", help="of near objects and layers together")
+    budget.add_argument("--max-bytes", type=int, metavar="N", help="of its files")
+
     method = parser.add_argument_group("how")
     method.add_argument("--visibility", choices=VISIBILITIES, default=default.visibility, help="default: %(default)s")
     method.add_argument("--weights", choices=WEIGHTS, default=default.weights, help="default: %(default)s")
@@ -254,6 +262,9 @@ def _parameters(options: argparse.Namespace) -> BuildParameters:
             weights=options.weights,
             layering=options.layering,
             landmarks=tuple(sorted(options.landmark)),
+            max_layers=options.max_layers,
+            max_triangles=options.max_triangles,
+            max_bytes=options.max_bytes,
             sectors=options.sectors,
             quad=options.quad,
             supersample=options.supersample,
@@ -298,6 +309,10 @@ def _print_cells(talk: Console, cells: CellReport) -> None:
     talk.print(text, soft_wrap=True)
 
 
+_MOST_CELLS = 5
+"""Cells over budget that are named one by one."""
+
+
 def _print_summary(talk: Console, summary: BuildSummary, out: Path) -> None:
     made = [f"{summary.built} cells built"]
     if summary.complete:
@@ -309,6 +324,17 @@ def _print_summary(talk: Console, summary: BuildSummary, out: Path) -> None:
         talk.print(f" ({summary.built / summary.seconds:.1f} cells/s)", end="")
     talk.print(f"; peak memory {summary.peak_memory_bytes / 1e6:.0f} MB")
     talk.print(f"{out}: {summary.cells} cells, {summary.bytes / 1e6:.1f} MB", soft_wrap=True)
+    if summary.cut:
+        talk.print(f"{summary.cut} cells cut in halves to keep the budgets")
+    for cell, costs in list(summary.over_budget.items())[:_MOST_CELLS]:
+        text = ", ".join(f"{cost} {name} of {limit}" for name, (cost, limit) in costs.items())
+        talk.print(f"cell {cell} exceeds its budget: {text}", soft_wrap=True)
+    if summary.over_budget:
+        talk.print(
+            f"{len(summary.over_budget)} cells are too short to be cut further: what can give is --max-error, the budget, or "
+            "--display; --objects, --near-distance and --texture-quality decide what a cell costs, too",
+            soft_wrap=True,
+        )
 
 
 def _plain(summary: BuildSummary) -> dict[str, Any]:

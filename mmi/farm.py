@@ -4,39 +4,33 @@ A cell's record (see :mod:`mmi.dataset`) carries three fingerprints. ``inputs`` 
 neighbourhood, and the city; while it is current nothing needs to be looked at. ``content`` covers what the cell's files
 were made from: parameters, cell and the objects that are visible from it. When the city has changed, a cell is planned
 again, which is cheap, and only if its content differs is it captured again.
+
+A cell that exceeds a budget is cut in halves (:mod:`mmi.budgets`). Its record then has ``halves``, and no files.
 """
 
 from __future__ import annotations
 
-import hashlib
 import os
-import resource
-import signal
-import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
-from multiprocessing import get_context, resource_tracker
-from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
 import networkx as nx
-import numpy as np
 
-from mmi.build import CellPlan, Stopwatch, capture_layers, landmark_factors, plan_cell, prepare_scene
-from mmi.cellfiles import city_glb, write_cell
-from mmi.cells import ViewingCell, spread, viewing_cells
+from mmi.budgets import whole_of, with_halves_joined
+from mmi.build import landmark_factors
+from mmi.cellfiles import city_glb
+from mmi.cells import spread, viewing_cells
 from mmi.city import City
 from mmi.dataset import FORMAT_VERSION, DatasetFolder, build_folder, readable_json, with_checksum
-from mmi.errors import DatasetError, MmiError, ParameterError
-from mmi.io.stored import city_from_json, city_to_json, fingerprint, object_fingerprints
+from mmi.errors import DatasetError, ParameterError
+from mmi.io.stored import city_to_json, fingerprint
 from mmi.parameters import BuildParameters
-from mmi.surfaces import CityMesh
+from mmi.workers import Done, Job, costs_over_budget, package_version, peak_memory, run_jobs
 
-__all__ = ["BuildSummary", "build_dataset", "cells_to_build", "without_interrupts"]
+__all__ = ["BuildSummary", "build_dataset", "cells_to_build"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,22 +46,10 @@ class BuildSummary:
     peak_memory_bytes: int
     workers: int
     stages: dict[str, float]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Job:
-    cell: ViewingCell
-    neighbours: tuple[str, ...]
-    inputs: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Done:
-    cell: str
-    captured: bool
-    seconds: dict[str, float]
-    process: int
-    peak_memory_bytes: int
+    cut: int
+    """Cells that were cut in halves to keep the budgets."""
+    over_budget: dict[str, dict[str, tuple[int, int]]]
+    """Cells that exceed a budget and are too short to be cut: id -> budget -> (what it costs, what it may cost)."""
 
 
 def cells_to_build(
@@ -118,48 +100,46 @@ def build_dataset(
     graph, names = cells_to_build(city, parameters, cells=cells, max_cells=max_cells)
     with build_folder(Path(out)) as folder:
         stored = city_to_json(city)
-        settings = {"format": FORMAT_VERSION, "version": _version(), "parameters": parameters.as_dict()}
+        settings = {"format": FORMAT_VERSION, "version": package_version(), "parameters": parameters.as_dict()}
         city_print = fingerprint(stored.decode())
-        jobs = [_job(graph, name, fingerprint([settings, city_print])) for name in graph]
-        current = {job.cell.id for job in jobs if _is_current(folder, job)}
-        wanted = set(names) - current
-        pending = [job for job in jobs if job.cell.id in wanted]
+        common = fingerprint([settings, city_print])
+        jobs = [Job(graph.nodes[name]["cell"], tuple(sorted(graph.neighbors(name))), common) for name in graph]
+        current, pending = _divided(folder, jobs, set(names))
         shared = _write_shared(folder, city, stored)
 
-        done: list[_Done] = []
-        for one in _run(folder, city, parameters, pending, min(workers, max(len(pending), 1))):
+        done: list[Done] = []
+        to_do = len(pending)
+        for one in run_jobs(folder, city, parameters, pending, min(workers, max(len(pending), 1))):
             done.append(one)
+            to_do += len(one.halves)
             if progress is not None:
-                progress(len(done), len(pending), one.cell)
+                progress(len(done), to_do, one.cell)
 
         present = current | {one.cell for one in done}
         for stale in set(folder.recorded_cells()) - present:
             folder.remove_cell(stale)
-        entries = [_recorded(folder, name)["entry"] for name in sorted(present)]
+        records = [_recorded(folder, name) for name in sorted(present)]
+        entries = with_halves_joined([record["entry"] for record in records if not record["halves"]])
         manifest = _manifest(parameters, shared, entries)
         folder.write("manifest.json", readable_json(manifest))
-        summary = _summary(done, len(current & set(names)), manifest, time.perf_counter() - start, workers)
+        complete = len({whole_of(name) for name in current} & set(names) - {whole_of(job.cell.id) for job in pending})
+        summary = _summary(done, complete, parameters, manifest, time.perf_counter() - start, workers)
         folder.write("build.json", readable_json(_build_json(summary)))
     return summary
 
 
-def _version() -> str:
-    return version("multi-mesh-impostors")
-
-
-def _job(graph: nx.Graph, name: str, common: str) -> _Job:
-    cell: ViewingCell = graph.nodes[name]["cell"]
-    neighbours = tuple(sorted(graph.neighbors(name)))
-    return _Job(cell, neighbours, fingerprint([common, _cell_values(cell), neighbours]))
-
-
-def _cell_values(cell: ViewingCell) -> list[Any]:
-    return [cell.id, cell.p, cell.q, cell.half_width, cell.eye, cell.street]
-
-
-def _is_current(folder: DatasetFolder, job: _Job) -> bool:
-    record = folder.record(job.cell.id)
-    return record is not None and record.get("inputs") == job.inputs
+def _divided(folder: DatasetFolder, jobs: list[Job], wanted: set[str]) -> tuple[set[str], list[Job]]:
+    """The cells whose records are current, halves of cut ones too, and what is still to be done for ``wanted`` cells."""
+    current, pending, open_jobs = set(), [], list(reversed(jobs))
+    while open_jobs:
+        job = open_jobs.pop()
+        record = folder.record(job.cell.id)
+        if record is not None and record.get("inputs") == job.inputs:
+            current.add(job.cell.id)
+            open_jobs += reversed(job.halves() if record["halves"] else [])
+        elif whole_of(job.cell.id) in wanted:
+            pending.append(job)
+    return current, pending
 
 
 def _recorded(folder: DatasetFolder, name: str) -> dict[str, Any]:
@@ -185,165 +165,6 @@ def _write_shared(folder: DatasetFolder, city: City, stored: bytes) -> dict[str,
     }
 
 
-# ------------------------------------------------------------------------------------------------------- workers
-
-
-class _Worker:
-    """One process's city, prepared once, and its OpenGL context."""
-
-    def __init__(self, folder: DatasetFolder, city: City, parameters: BuildParameters) -> None:
-        from mmi.capture import Capturer  # here, so that a parent of workers does not load OpenGL
-
-        self.folder = folder
-        self.preparation = Stopwatch()
-        with self.preparation.stage("preparation"):
-            self.scene = prepare_scene(city, parameters)
-            self.prints = _looks(self.scene.mesh, object_fingerprints(city))
-            self.capturer = Capturer(self.scene.mesh)
-
-    def make(self, job: _Job) -> _Done:
-        """Bring one cell up to date: its files if what it sees has changed, its record in any case."""
-        watch, self.preparation = self.preparation, Stopwatch()  # the first cell's seconds include the preparation
-        plan = plan_cell(self.scene, job.cell, identify=self.capturer.identify, watch=watch)
-        content = self._content(job, plan)
-        record = self.folder.record(job.cell.id)
-        captured = record is None or record.get("content") != content
-        if captured:
-            layers = capture_layers(self.scene, plan, self.capturer, watch=watch)
-            entry = write_cell(self.folder, self.scene, plan, layers, neighbours=job.neighbours, watch=watch)
-        else:
-            entry = record["entry"] if record is not None else {}
-        self.folder.write_record(job.cell.id, {"inputs": job.inputs, "content": content, "entry": entry})
-        return _Done(job.cell.id, captured, watch.seconds, os.getpid(), _peak_memory(shared=False))
-
-    def _content(self, job: _Job, plan: CellPlan) -> str:
-        """Fingerprint of everything that the cell's files and its entry are made from."""
-        ids = [self.scene.city.objects[i].id for i in plan.selection.objects]
-        prints = [self.prints[i] for i in plan.selection.objects]
-        settings = [FORMAT_VERSION, _version(), self.scene.parameters.as_dict(), self.scene.city.ground]
-        return fingerprint([settings, _cell_values(job.cell), job.neighbours, ids, prints])
-
-
-def _looks(mesh: CityMesh, shapes: list[str]) -> list[str]:
-    """Fingerprints of objects with what they look like, which depends on neighbours: walls between them are blind."""
-    ends, first = mesh.object_triangles, mesh.object_vertices[:-1]
-    triangles = mesh.triangles - np.repeat(first, np.diff(ends)).astype(np.int32)[:, None]
-    per_vertex = [np.ascontiguousarray(array) for array in (mesh.positions, mesh.uv, mesh.colors)]
-    prints = []
-    for i, shape in enumerate(shapes):
-        digest = hashlib.sha256(shape.encode())
-        for array in per_vertex:
-            digest.update(array[mesh.object_vertices[i] : mesh.object_vertices[i + 1]].data)
-        digest.update(triangles[ends[i] : ends[i + 1]].data)
-        prints.append(digest.hexdigest())
-    return prints
-
-
-def _run(
-    folder: DatasetFolder, city: City, parameters: BuildParameters, jobs: list[_Job], workers: int
-) -> Iterator[_Done]:
-    """Make all ``jobs``; yields as they are done, in any order."""
-    if not jobs:
-        return
-    if workers == 1:
-        worker = _Worker(folder, city, parameters)
-        with worker.capturer:
-            for job in jobs:
-                yield worker.make(job)
-        return
-    context = get_context("spawn")
-    ends, processes = [], []
-    try:
-        for _ in range(workers):
-            ours, theirs = context.Pipe()
-            process = context.Process(target=_serve, args=(theirs, str(folder.path), parameters), daemon=True)
-            with without_interrupts():
-                process.start()
-            theirs.close()
-            ends.append(ours)
-            processes.append(process)
-        yield from _deal(folder, list(reversed(jobs)), ends)
-    finally:
-        for end in ends:
-            end.close()  # a worker ends when its pipe does
-        for process in processes:
-            process.join(timeout=10.0)
-            process.kill()
-
-
-@contextmanager
-def without_interrupts() -> Iterator[None]:
-    """Hold Ctrl-C back; a process started meanwhile never sees it: Ctrl-C is the parent's business."""
-    resource_tracker.ensure_running()  # it lets Ctrl-C through again when it starts
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _deal(folder: DatasetFolder, jobs: list[_Job], ends: list[Connection]) -> Iterator[_Done]:
-    """Hand jobs (from the list's end) to whichever worker is free."""
-    busy = list(ends)
-    for end in ends:
-        end.send(jobs.pop())
-    while busy:
-        for ready in wait(busy):
-            end = busy[busy.index(ready)]  # type: ignore[arg-type]
-            try:
-                answer = end.recv()
-            except (EOFError, OSError) as error:
-                raise DatasetError(
-                    f"{folder.path}: a worker process ended unexpectedly (out of memory?); run the same command again, "
-                    "perhaps with fewer --workers: finished cells are kept"
-                ) from error
-            if isinstance(answer, BaseException):
-                raise answer
-            if jobs:
-                end.send(jobs.pop())
-            else:
-                busy.remove(end)
-            yield answer
-
-
-def _serve(jobs: Connection, path: str, parameters: BuildParameters) -> None:
-    """The life of a worker process: one cell after another, until the pipe closes.
-
-    It reads the city that the dataset's folder holds, so that nothing large is sent between processes.
-    """
-    os.environ["LP_NUM_THREADS"] = "1"  # software OpenGL: one thread a worker, as there is a worker a core
-    worker: _Worker | None = None
-    while True:
-        try:
-            job = jobs.recv()
-        except (EOFError, OSError):
-            return  # the parent has no more work, or is gone
-        answer: _Done | MmiError
-        try:
-            if worker is None:
-                folder = DatasetFolder(Path(path))
-                worker = _Worker(folder, city_from_json(folder.read("city.json"), name="city.json"), parameters)
-            answer = worker.make(job)
-        except MmiError as error:
-            answer = error
-        try:
-            jobs.send(answer)
-        except OSError:
-            return
-
-
-def _peak_memory(*, shared: bool = True) -> int:
-    """Bytes that this process has held at most; not ``shared``: less its pages of files (libraries), which are in memory once
-    however many processes use them.
-    """
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    status = Path("/proc/self/status")
-    if shared or not status.exists():
-        return peak
-    files = next((line for line in status.read_text().splitlines() if line.startswith("RssFile:")), "RssFile: 0 kB")
-    return peak - 1024 * int(files.split()[1])
-
-
 # ------------------------------------------------------------------------------------------------------- summaries
 
 
@@ -361,24 +182,35 @@ def _manifest(parameters: BuildParameters, shared: dict[str, Any], entries: list
     )
 
 
-def _summary(done: list[_Done], complete: int, manifest: dict[str, Any], seconds: float, workers: int) -> BuildSummary:
+def _summary(
+    done: list[Done],
+    complete: int,
+    parameters: BuildParameters,
+    manifest: dict[str, Any],
+    seconds: float,
+    workers: int,
+) -> BuildSummary:
     stages: dict[str, float] = {}
-    peaks: dict[int, int] = {os.getpid(): _peak_memory()}
+    peaks: dict[int, int] = {os.getpid(): peak_memory()}
     for one in done:
         peaks[one.process] = max(peaks.get(one.process, 0), one.peak_memory_bytes)
         for stage, spent in one.seconds.items():
             stages[stage] = stages.get(stage, 0.0) + spent
-    built = sum(one.captured for one in done)
+    built = sum(one.captured and not one.halves for one in done)
+    cut = sum(bool(one.halves) for one in done)
+    over = {entry["id"]: costs_over_budget(parameters, entry) for entry in manifest["cells"]}
     return BuildSummary(
         built=built,
         complete=complete,
-        unchanged=len(done) - built,
+        unchanged=len(done) - built - cut,
         cells=manifest["totals"]["cells"],
         bytes=manifest["totals"]["bytes"],
         seconds=seconds,
         peak_memory_bytes=sum(peaks.values()),
         workers=workers,
         stages=stages,
+        cut=cut,
+        over_budget={cell: costs for cell, costs in over.items() if costs},
     )
 
 
@@ -386,7 +218,7 @@ def _build_json(summary: BuildSummary) -> dict[str, Any]:
     return {
         "program": "build-impostors",
         "format_version": FORMAT_VERSION,
-        "version": _version(),
+        "version": package_version(),
         "totals": {
             "cells": summary.cells,
             "built": summary.built,

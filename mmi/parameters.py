@@ -42,6 +42,12 @@ class BuildParameters:
     """How objects are divided into layers; ``single`` puts all into one and keeps no bound (:mod:`mmi.layering`)."""
     landmarks: tuple[tuple[str, float], ...] = ()
     """(object id, factor): weights of this object's pairs are multiplied by the factor (paper section 4.2)."""
+    max_layers: int | None = None
+    """Budgets of a cell (:mod:`mmi.budgets`): a cell that exceeds one is cut in halves."""
+    max_triangles: int | None = None
+    """Of near objects and layers together."""
+    max_bytes: int | None = None
+    """Of its two files."""
     sectors: int = 6
     quad: int = 16
     """Texels: pictures of layers are cut to whole squares of this side."""
@@ -65,6 +71,8 @@ class BuildParameters:
         expect(0.0 < self.max_error_px <= largest, "max_error_px", f"a number of pixels above 0 and up to {largest:g}")
         expect(0.0 < self.near_distance < math.inf, "near_distance", "a positive length in metres")
         expect(self.near_triangles is None or self.near_triangles >= 0, "near_triangles", "a number of 0 or more")
+        for name in ("max_layers", "max_triangles", "max_bytes"):
+            expect(getattr(self, name) is None or getattr(self, name) >= 1, name, "a number of 1 or more")
         expect(0.1 <= self.steepest <= 10.0, "steepest", "a slope from 0.1 to 10")
         expect(self.visibility in VISIBILITIES, "visibility", " or ".join(VISIBILITIES))
         expect(self.weights in WEIGHTS, "weights", " or ".join(WEIGHTS))
@@ -118,6 +126,9 @@ class BuildParameters:
             ("width", camera.width),
             ("height", camera.height),
             ("near_triangles", made.near_triangles or 0),
+            ("max_layers", made.max_layers or 0),
+            ("max_triangles", made.max_triangles or 0),
+            ("max_bytes", made.max_bytes or 0),
             ("sectors", made.sectors),
             ("quad", made.quad),
             ("supersample", made.supersample),

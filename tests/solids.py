@@ -82,7 +82,14 @@ def _cast(origins, directions, walls, starts, prisms, ground):
 def el(wide, deep, wing_wide, wing_deep):
     """An L: a bar along x and a wing at its left end, towards -y."""
     return Polygon(
-        [(0, 0), (wing_wide, 0), (wing_wide, wing_deep), (wide, wing_deep), (wide, wing_deep + deep), (0, wing_deep + deep)]
+        [
+            (0, 0),
+            (wing_wide, 0),
+            (wing_wide, wing_deep),
+            (wide, wing_deep),
+            (wide, wing_deep + deep),
+            (0, wing_deep + deep),
+        ]
     )
 
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from mmi.camera import View
 from mmi.errors import CaptureError
-from mmi.farm import without_interrupts
+from mmi.workers import without_interrupts
 from viewer.disocclusion import disocclusion_mask, panorama_views
 from viewer.frame import Frame
 from viewer.gl import Renderer

@@ -4,12 +4,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rasters import bilinear, draw, psnr
-from scipy.ndimage import binary_fill_holes
+from rasters import bilinear, draw
+from scipy.ndimage import binary_dilation, binary_fill_holes, maximum_filter, minimum_filter
 
 from mmi.camera import level_view
-from mmi.impostor import DepthTexture
-from mmi.meshing import covered_windows, grid_mesh
+from mmi.impostor import DepthTexture, GridMesh
+from mmi.meshing import covered_windows, displacement, grid_mesh
+
+PIXEL = math.radians(60.0) / 512.0
+LARGEST = 64
 
 
 def texture_of(inverse, *, covered=None, focal=400.0, left=-64, top=-32, color=None):
@@ -28,42 +31,374 @@ def plane(height, width, a, b, c):
     return a + b * x + c * y
 
 
+def around(texture, *, length=40.0, half_width=3.0):
+    """Corners of a cell with the capture in its middle, lying across the line of sight."""
+    return texture.view.eye + [
+        [x, y, 0.0] for x in (-0.5 * length, 0.5 * length) for y in (-half_width, half_width)
+    ]  # fmt: skip
+
+
+def meshed(texture, *, pixels=5.0):
+    return grid_mesh(texture, viewpoints=around(texture), tolerance=pixels * PIXEL)
+
+
+def lattice(texture, mesh):
+    """(n, 2): vertices in texels from the window's corner."""
+    return mesh.uv * np.array(texture.view.window[2:])
+
+
+def inverse_at(texture, mesh):
+    """(n,) 1/z of vertices."""
+    return 1.0 / texture.view.project(mesh.vertices.astype(float))[:, 2]
+
+
+def drawn(texture, mesh):
+    """Depth (h, w) and texture coordinates in texels (h, w, 2) that the mesh shows at texels, by another rasteriser."""
+    left, top, width, height = texture.view.window
+    projected = texture.view.project(mesh.vertices.astype(float))
+    depth, uv = draw(projected, mesh.uv.astype(float), mesh.triangles, left, top, width, height)
+    return depth, uv * [width, height]
+
+
+def displaced(texture, mesh, viewpoints):
+    """(h, w) radians: the oracle of ``displacement``, texel by texel; NaN where nothing was captured or drawn."""
+    left, top, width, height = texture.view.window
+    y, x = np.mgrid[:height, :width] + 0.5
+    directions = np.stack([left + x, -(top + y), np.full(x.shape, -texture.view.focal)], axis=-1) / texture.view.focal
+    directions = directions @ texture.view.world_from_eye[:3, :3].T
+    depth = np.where(np.isfinite(texture.depth), texture.depth.astype(float), np.nan)
+    shown, _ = drawn(texture, mesh)
+    shown[np.isinf(shown)] = np.nan
+    angles = []
+    for viewpoint in viewpoints:
+        one, other = (texture.view.eye + directions * z[..., None] - viewpoint for z in (depth, shown))
+        sine = np.linalg.norm(np.cross(one, other), axis=-1)
+        angles.append(np.arctan2(sine, np.sum(one * other, axis=-1)))
+    return np.max(angles, axis=0)
+
+
+def beside_jumps(inverse, *, reach=1):
+    """(h, w): texels whose 1/z is not that of a neighbour's surface, and those up to ``reach`` - 1 beyond."""
+    found = np.zeros(inverse.shape, dtype=bool)
+    for axis in (0, 1):
+        jumps = np.abs(np.diff(inverse, axis=axis)) > 0.02 * inverse.min()
+        pad = [(0, 0), (0, 0)]
+        for pad[axis] in ((0, 1), (1, 0)):
+            found |= np.pad(jumps, pad)
+    return binary_dilation(found, np.ones((3, 3)), iterations=reach - 1) if reach > 1 else found
+
+
+def surfaces(kind, height=96, width=192):
+    """1/z (h, w) of what streets look like, and of what is worse."""
+    y, x = np.mgrid[:height, :width] + 0.5
+    if kind == "corner":
+        return np.where(x < 77.0, 0.008 + 4e-5 * x, 0.008 + 4e-5 * 77.0 - 9e-5 * (x - 77.0))
+    if kind == "roof":
+        return np.where(y < 30.3 + 0.1 * x, 0.006 + 3e-5 * x, 0.006 + 3e-5 * x + 1e-4 * (y - 30.3 - 0.1 * x))
+    if kind == "jump":
+        return np.where(x < 100.0, 0.004 + 1e-5 * x, 0.012 - 2e-5 * (x - 100.0))
+    if kind == "house":
+        return np.where((x > 80.0) & (x < 110.0) & (y > 40.0) & (y < 60.0), 0.02, 0.01)
+    if kind == "steps":
+        return np.select([y > 60.0 + 0.2 * (x % 50.0), y > 31.0], [0.03 + 2e-5 * x, 0.02 - 1e-5 * x], 0.012)
+    return 0.01 + 0.003 * np.sin(x / 17.0) * np.cos(y / 23.0)  # waves
+
+
+KINDS = ["corner", "roof", "jump", "house", "steps", "waves"]
+
+
+# Planes
+
+
 @settings(max_examples=40, deadline=None)
 @given(st.floats(0.005, 0.02), st.floats(-2e-5, 2e-5), st.floats(-2e-5, 2e-5))
 def test_a_plane_is_reproduced_exactly(a, b, c):
     texture = texture_of(plane(64, 128, a, b, c))
-    mesh = grid_mesh(texture)
+    mesh = meshed(texture)
+    x, y = lattice(texture, mesh).T
+    np.testing.assert_allclose(inverse_at(texture, mesh), a + b * x + c * y, rtol=2e-5)
+    assert displacement(texture, mesh, around(texture)) < 0.01 * PIXEL
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.floats(0.01, 0.02), st.floats(-1e-6, 1e-6), st.floats(-1e-6, 1e-6), st.integers(1, 150), st.integers(1, 150)
+)  # fmt: skip
+def test_a_plane_takes_two_triangles_a_block(a, b, c, width, height):
+    mesh = meshed(texture_of(plane(height, width, a, b, c)))
+    blocks = math.ceil(width / LARGEST) * math.ceil(height / LARGEST)
+    assert len(mesh.triangles) == 2 * blocks
+    assert mesh.uv.min() == 0.0 and mesh.uv.max() == 1.0
+
+
+def test_silhouettes_do_not_pull_the_fit():
+    """Texels of a wall that ends within a rectangle give the plane of the wall, not one bent towards nothing."""
+    covered = np.zeros((64, 128), dtype=bool)
+    covered[:, :76] = True
+    texture = texture_of(plane(64, 128, 0.01, 4e-5, 0.0), covered=covered)
+    mesh = meshed(texture)
+    x, _ = lattice(texture, mesh).T
+    np.testing.assert_allclose(inverse_at(texture, mesh), 0.01 + 4e-5 * x, rtol=1e-4)
+
+
+# Corners and jumps
+
+
+@pytest.mark.parametrize("kind", ["corner", "roof", "waves"])
+@pytest.mark.parametrize("pixels", [0.5, 2.0, 8.0])
+def test_the_tolerance_is_kept_where_depth_does_not_jump(kind, pixels):
+    texture = texture_of(surfaces(kind), left=-96, top=-48)
+    mesh = meshed(texture, pixels=pixels)
+    assert np.nanmax(displaced(texture, mesh, around(texture))) <= pixels * PIXEL * 1.001
+
+
+@pytest.mark.parametrize("kind", ["jump", "house", "steps"])
+@pytest.mark.parametrize("pixels", [0.5, 2.0, 8.0])
+def test_jumps_displace_the_texels_beside_them_and_no_others(kind, pixels):
+    inverse = surfaces(kind)
+    texture = texture_of(inverse, left=-96, top=-48)
+    found = displaced(texture, meshed(texture, pixels=pixels), around(texture))
+    assert found[~beside_jumps(inverse)].max() <= pixels * PIXEL * 1.001
+
+
+def test_a_house_before_a_wall_displaces_no_texel_by_more_than_lies_between_them():
+    inverse = surfaces("house")
+    texture = texture_of(inverse, left=-96, top=-48)
+    viewpoints = around(texture)
+    between = displaced(texture_of(np.full(inverse.shape, 0.01), left=-96, top=-48), _flat(texture, 50.0), viewpoints)
+    assert displacement(texture, meshed(texture), viewpoints) <= between.max() * 1.001
+
+
+def _flat(texture, depth):
+    """Two triangles over the window, ``depth`` metres away."""
+    left, top, width, height = texture.view.window
+    corners = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0]])
+    u, v = (corners * [width, height] + [left, top]).T
+    vertices = texture.view.unproject(u, v, np.full(4, depth))
+    triangles = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
+    return GridMesh(vertices.astype(np.float32), corners.astype(np.float32), triangles)
+
+
+def test_a_corner_is_cut_at_the_corner():
+    """Walls to either side of it stay large: a handful of rectangles, where a grid as fine as its finest has thousands."""
+    texture = texture_of(plane(64, 128, 0.02, 0.0, 0.0) - 4e-6 * np.abs(np.arange(128) + 0.5 - 50.0))
+    assert len(meshed(texture, pixels=0.05).triangles) <= 2 * 8
+    bent = texture_of(surfaces("corner"), left=-96, top=-48)
+    x, y = lattice(bent, meshed(bent, pixels=0.5)).T
+    for row in (0.0, 96.0):
+        assert np.abs(x[y == row] - 77.0).min() <= 1.0
+
+
+def test_vertices_at_a_jump_lie_on_one_of_its_surfaces():
+    """Not between them, where nothing is."""
+    texture = texture_of(surfaces("jump"), left=-96, top=-48)
+    mesh = meshed(texture)
+    x, _ = lattice(texture, mesh).T
+    off = [np.abs(inverse_at(texture, mesh) / one - 1.0) for one in (0.004 + 1e-5 * x, 0.012 - 2e-5 * (x - 100.0))]
+    assert np.minimum(*off).max() < 1e-3
+    np.testing.assert_array_equal(off[0] < off[1], x < 100.0)  # on the edge itself, the one in front
+
+
+def test_a_larger_tolerance_gives_fewer_triangles():
+    texture = texture_of(surfaces("waves"), left=-96, top=-48)
+    counts = [len(meshed(texture, pixels=pixels).triangles) for pixels in (0.25, 1.0, 4.0, 16.0)]
+    assert counts == sorted(counts, reverse=True) and counts[0] > 4 * counts[-1]
+
+
+def test_what_matters_is_what_viewpoints_see():
+    """From the capture itself nothing is displaced; the further off a viewpoint, the finer the mesh."""
+    texture = texture_of(surfaces("waves"), left=-96, top=-48)
+    eye = texture.view.eye
+    offsets = ([0.0, 0.0, 0.0], [2.0, 1.0, 0.0], [20.0, 10.0, 0.0])
+    counts = [len(grid_mesh(texture, viewpoints=eye + [one], tolerance=PIXEL).triangles) for one in offsets]
+    assert counts == sorted(counts) and counts[0] < counts[2]
+
+
+# The mesh as a whole
+
+
+def random_texture(seed):
+    """Waves with jumps, covered in blobs."""
+    rng = np.random.default_rng(seed)
+    height, width = (int(one) for one in rng.integers(3, 150, 2))
+    y, x = np.mgrid[:height, :width]
+    inverse = 0.01 + 0.002 * np.sin(x / rng.uniform(8, 60)) * np.cos(y / rng.uniform(8, 60))
+    covered = np.zeros((height, width), dtype=bool)
+    covered[height // 2, width // 2] = True
+    for _ in range(6):
+        i, j = rng.integers(0, height), rng.integers(0, width)
+        blob = np.s_[i : i + rng.integers(1, 60), j : j + rng.integers(1, 60)]
+        covered[blob] = True
+        if rng.random() < 0.5:
+            inverse[blob] *= rng.uniform(1.1, 3.0)
+    return texture_of(inverse, covered=covered, left=-width // 2, top=-height // 2)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_every_covered_texel_and_what_filtering_reaches_lies_in_one_triangle(seed):
+    texture = random_texture(seed)
+    mesh = meshed(texture)
+    y, x = np.nonzero(binary_dilation(texture.coverage, np.ones((3, 3))))
+    times = np.zeros(len(x), dtype=int)
+    for a, b, c in lattice(texture, mesh)[mesh.triangles]:
+        # Off the middle, where no edge of two rectangles' triangles passes.
+        sides = [_side(p, q, x + 0.4871, y + 0.5123) for p, q in ((a, b), (b, c), (c, a))]
+        times += (np.max(sides, axis=0) < 0.0) | (np.min(sides, axis=0) > 0.0)
+    assert (times == 1).all()
+
+
+def _side(p, q, x, y):
+    return (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0])
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_vertices_sit_on_the_rays_of_their_texture_coordinates(seed):
+    texture = random_texture(seed)
+    mesh = meshed(texture)
+    left, top = texture.view.window[:2]
     u, v, depth = texture.view.project(mesh.vertices.astype(float)).T
-    np.testing.assert_allclose(1.0 / depth, a + b * (u + 64) + c * (v + 32), rtol=2e-5)
+    np.testing.assert_allclose(np.column_stack([u - left, v - top]), lattice(texture, mesh), atol=2e-3)
+    assert (depth > 0.0).all() and np.isfinite(depth).all()
+    assert mesh.uv.min() >= 0.0 and mesh.uv.max() <= 1.0
+    assert np.array_equal(np.unique(mesh.triangles), np.arange(len(mesh.vertices)))  # none is left over
 
 
-def test_vertices_sit_on_the_rays_of_their_texture_coordinates():
-    rng = np.random.default_rng(0)
-    texture = texture_of(plane(64, 128, 0.01, 3e-5, 0.0) * rng.uniform(0.99, 1.01, (64, 128)))
-    mesh = grid_mesh(texture)
-    u, v, _ = texture.view.project(mesh.vertices.astype(float)).T
-    np.testing.assert_allclose((u + 64) / 128, mesh.uv[:, 0], atol=1e-4)
-    np.testing.assert_allclose((v + 32) / 64, mesh.uv[:, 1], atol=1e-4)
+@pytest.mark.parametrize("seed", range(12))
+def test_triangles_face_the_capture(seed):
+    texture = random_texture(seed)
+    mesh = meshed(texture)
+    a, b, c = np.moveaxis(mesh.uv[mesh.triangles] * [1.0, -1.0], 1, 0)
+    (x1, y1), (x2, y2) = (b - a).T, (c - a).T
+    assert np.all(x1 * y2 - y1 * x2 > 0.0)
 
 
-def test_triangles_face_the_capture():
-    mesh = grid_mesh(texture_of(plane(32, 32, 0.01, 1e-5, 0.0)))
-    uv = mesh.uv[mesh.triangles] * [1.0, -1.0]
-    area = np.cross(
-        np.append(uv[:, 1] - uv[:, 0], np.zeros((len(uv), 1)), 1),
-        np.append(uv[:, 2] - uv[:, 0], np.zeros((len(uv), 1)), 1),
-    )[:, 2]
-    assert np.all(area > 0)
+def _edges(mesh):
+    """{(from, to): how many triangles have it}."""
+    counts = {}
+    for triangle in mesh.triangles.tolist():
+        for edge in zip(triangle, triangle[1:] + triangle[:1], strict=True):
+            counts[edge] = counts.get(edge, 0) + 1
+    return counts
 
 
-def test_quads_without_coverage_go_and_the_rest_stays():
+@pytest.mark.parametrize("seed", range(12))
+def test_rectangles_that_touch_share_their_vertices(seed):
+    """No vertex lies within a side of another's triangle: a crack opens where one does, seen from elsewhere."""
+    texture = random_texture(seed)
+    mesh = meshed(texture)
+    points = np.rint(lattice(texture, mesh) * 2.0).astype(int)  # centres lie at halves
+    lone = [(a, b) for (a, b), count in _edges(mesh).items() if count == 1 and (b, a) not in _edges(mesh)]
+    for a, b in lone:
+        step = points[b] - points[a]
+        off = points - points[a]
+        along = off @ step
+        on = (off[:, 0] * step[1] == off[:, 1] * step[0]) & (0 < along) & (along < step @ step)
+        assert not on.any()
+    assert all(count == 1 for count in _edges(mesh).values())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_cracks_seen_from_aside(kind):
+    """Every pixel inside the mesh's outline is covered, however differently large its rectangles are."""
+    texture = texture_of(surfaces(kind), left=-96, top=-48)
+    mesh = meshed(texture, pixels=1.0)
+    _, top_of, sizes = np.unique(lattice(texture, mesh)[:, 1], return_index=True, return_counts=True)
+    assert len(top_of) > 3 and sizes.min() < sizes.max()
+    aside = level_view(texture.view.eye + [1.5, 1.0, 0.5], 0.35, focal=400.0, window=(-300, -200, 600, 400))
+    projected = aside.project(mesh.vertices.astype(float))
+    depth, _ = draw(projected, mesh.uv.astype(float), mesh.triangles, -300, -200, 600, 400)
+    hit = np.isfinite(depth)
+    assert hit.sum() > 10_000
+    assert (binary_fill_holes(hit) == hit).all()
+
+
+def test_rectangles_shrink_to_what_they_hold():
     covered = np.zeros((64, 128), dtype=bool)
     covered[20:30, 40:60] = True
-    mesh = grid_mesh(texture_of(plane(64, 128, 0.01, 0.0, 0.0), covered=covered))
-    assert len(mesh.triangles) == 2 * 2  # columns 32 to 64, rows 16 to 32
-    covered[31, 63] = True  # at a corner: filtering reaches into three more quads
-    mesh = grid_mesh(texture_of(plane(64, 128, 0.01, 0.0, 0.0), covered=covered))
-    assert len(mesh.triangles) == 2 * 5
+    texture = texture_of(plane(64, 128, 0.01, 0.0, 0.0), covered=covered)
+    mesh = meshed(texture)
+    assert len(mesh.triangles) == 2
+    corners = {tuple(one) for one in lattice(texture, mesh).tolist()}  # filtering reaches a texel beyond
+    assert corners == {(39.0, 19.0), (61.0, 19.0), (39.0, 31.0), (61.0, 31.0)}
+    covered[60:, 100:] = True  # another block, at the window's corner
+    both = meshed(texture_of(plane(64, 128, 0.01, 0.0, 0.0), covered=covered))
+    assert len(both.triangles) == 2 * 2
+
+
+def test_an_empty_texture_is_refused():
+    with pytest.raises(ValueError, match="found an empty one"):
+        meshed(texture_of(plane(64, 128, 0.01, 0.0, 0.0), covered=np.zeros((64, 128), dtype=bool)))
+
+
+# Texture coordinates, as a graphics card interpolates them
+
+
+@pytest.mark.parametrize(("b", "c"), [(0.0, 0.0), (2e-5, 0.0), (9e-5, 0.0), (0.0, -4e-5), (5e-5, 4e-5)])
+def test_interpolated_texture_coordinates_are_within_half_a_texel_on_planes(b, c):
+    texture = texture_of(plane(64, 256, 0.004, b, c), left=-128)
+    _, found = drawn(texture, meshed(texture))
+    y, x = np.mgrid[:64, :256] + 0.5
+    assert not np.isnan(found).any()
+    assert np.hypot(found[..., 0] - x, found[..., 1] - y).max() <= 0.5
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_interpolated_texture_coordinates_are_within_half_a_texel(kind):
+    texture = texture_of(surfaces(kind), left=-96, top=-48)
+    _, found = drawn(texture, meshed(texture))
+    y, x = np.mgrid[:96, :192] + 0.5
+    assert np.hypot(found[..., 0] - x, found[..., 1] - y).max() <= 0.5
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_seen_from_the_capture_the_mesh_shows_the_captured_picture(kind):
+    """Every pixel lies between the colours of the texels around it, as what is shifted by less than a texel does."""
+    y, x = np.mgrid[:96, :192]
+    color = (np.stack([x // 6 % 2, y // 5 % 2, (x + y) // 9 % 2], axis=-1) * 160 + 40).astype(np.uint8)
+    texture = texture_of(surfaces(kind), left=-96, top=-48, color=color)
+    _, found = drawn(texture, meshed(texture))
+    shown = bilinear(color, found / [192, 96])
+    assert (minimum_filter(color, size=(3, 3, 1)) - 1e-6 <= shown).all()
+    assert (shown <= maximum_filter(color, size=(3, 3, 1)) + 1e-6).all()
+
+
+# Displacement
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_displacement_is_that_of_the_texel_that_is_off_most(seed):
+    texture = random_texture(seed)
+    mesh = meshed(texture, pixels=8.0)
+    rng = np.random.default_rng(100 + seed)
+    eye = texture.view.eye
+    viewpoints = eye + rng.uniform(-1.0, 1.0, (5, 3)) * [15.0, 15.0, 0.3]
+    # Vertices moved along their rays, so that each triangle is off.
+    factors = rng.uniform(0.8, 1.25, (len(mesh.vertices), 1))
+    for vertices in (mesh.vertices, eye + factors * (mesh.vertices - eye)):
+        moved = GridMesh(vertices.astype(np.float32), mesh.uv, mesh.triangles)
+        expected = np.nanmax(displaced(texture, moved, viewpoints))
+        assert displacement(texture, moved, viewpoints) == pytest.approx(expected, rel=2e-3, abs=1e-5)
+
+
+def test_what_is_drawn_where_it_was_captured_is_not_displaced():
+    texture = texture_of(plane(64, 128, 0.01, 0.0, 0.0))
+    assert displacement(texture, _flat(texture, 100.0), around(texture)) == pytest.approx(0.0, abs=1e-6)
+    # From 20 m to the side: the difference of the angles to 100 m and to 50 m, straight ahead of the capture.
+    beside = texture.view.eye + 20.0 * texture.view.world_from_eye[:3, 0][None, :]
+    narrow = texture_of(plane(2, 2, 0.01, 0.0, 0.0), left=-1, top=-1)
+    expected = math.atan(20.0 / 50.0) - math.atan(20.0 / 100.0)
+    assert displacement(narrow, _flat(narrow, 50.0), beside) == pytest.approx(expected, rel=0.01)
+
+
+def test_viewpoints_count_by_the_worst_of_them():
+    texture = texture_of(plane(64, 128, 0.01, 0.0, 0.0))
+    eye, off = texture.view.eye, _flat(texture, 60.0)
+    alone = [displacement(texture, off, eye + [one]) for one in ([0.0, 0.0, 0.0], [0.0, 5.0, 0.0], [0.0, 20.0, 0.0])]
+    assert alone[0] == pytest.approx(0.0, abs=1e-6) and alone[1] < alone[2]
+    assert displacement(texture, off, eye + [[0.0, 5.0, 0.0], [0.0, 20.0, 0.0], [0.0, 0.0, 0.0]]) == alone[2]
+
+
+# Windows
 
 
 def test_covered_windows_are_whole_quads_around_what_is_covered():
@@ -79,90 +414,3 @@ def test_covered_windows_are_whole_quads_around_what_is_covered():
     assert windows() == [(-32, -32, 80, 64)]
     covered[40:50, 450:460] = True  # too far
     assert windows() == [(-32, -32, 80, 64), (384, 0, 16, 32)]
-
-
-def test_silhouettes_do_not_pull_the_fit():
-    """Texels of a wall that ends in mid-quad give the plane of the wall, not one bent towards nothing."""
-    covered = np.zeros((64, 128), dtype=bool)
-    covered[:, :76] = True
-    truth = plane(64, 128, 0.01, 4e-5, 0.0)
-    texture = texture_of(truth, covered=covered)
-    mesh = grid_mesh(texture)
-    u, _, depth = texture.view.project(mesh.vertices.astype(float)).T
-    np.testing.assert_allclose(1.0 / depth, 0.01 + 4e-5 * (u + 64), rtol=1e-4)
-
-
-@pytest.mark.parametrize("slope", [0.0, 2e-5, 9e-5])
-def test_interpolated_texture_coordinates_are_within_a_tenth_of_a_texel(slope):
-    texture = texture_of(plane(64, 256, 0.004, slope, 0.0), left=-128)
-    mesh = grid_mesh(texture)
-    projected = texture.view.project(mesh.vertices.astype(float))
-    _, uv = draw(projected, mesh.uv.astype(float), mesh.triangles, -128, -32, 256, 64)
-    y, x = np.mgrid[:64, :256] + 0.5
-    assert np.nanmax(np.abs(uv[..., 0] * 256 - x)) < 0.1
-    assert np.nanmax(np.abs(uv[..., 1] * 64 - y)) < 0.1
-    assert not np.isnan(uv).any()
-
-
-def test_seen_from_the_capture_the_mesh_shows_the_captured_picture():
-    rng = np.random.default_rng(2)
-    y, x = np.mgrid[:64, :256]
-    color = (np.stack([x // 6 % 2, y // 5 % 2, (x + y) // 9 % 2], axis=-1) * 160 + 40).astype(np.uint8)
-    steps = np.where(x < 100, 0.004, 0.012) + 6e-5 * (x % 100)
-    texture = texture_of(steps * rng.uniform(0.995, 1.005, steps.shape), left=-128, color=color)
-    mesh = grid_mesh(texture)
-    projected = texture.view.project(mesh.vertices.astype(float))
-    _, uv = draw(projected, mesh.uv.astype(float), mesh.triangles, -128, -32, 256, 64)
-    assert psnr(bilinear(color, uv), color) > 40.0
-
-
-def test_no_cracks_between_quads_of_different_fineness():
-    """From beside the capture every pixel inside the mesh's outline is covered, however finely its quads are split."""
-    inverse = plane(96, 192, 0.004, 0.0, 0.0)
-    inverse[:, 96:] += 1.5e-4 * np.arange(96)
-    texture = texture_of(inverse, left=-96, top=-48)
-    mesh = grid_mesh(texture)
-    lone = level_view(np.array([4.5, -3.0, 2.2]), 0.35, focal=400.0, window=(-300, -200, 600, 400))
-    projected = lone.project(mesh.vertices.astype(float))
-    depth, _ = draw(projected, mesh.uv.astype(float), mesh.triangles, -300, -200, 600, 400)
-    hit = np.isfinite(depth)
-    assert hit.sum() > 10_000
-    assert (binary_fill_holes(hit) == hit).all()
-
-
-def test_a_window_that_is_not_whole_quads_is_refused():
-    with pytest.raises(ValueError, match="whole quads"):
-        grid_mesh(texture_of(plane(60, 128, 0.01, 0.0, 0.0)))
-
-
-def _slow_fit(depth, quad):
-    """The twin of the kernel: numpy's least squares on the texels of the four quads around each vertex."""
-    rows, columns = depth.shape[0] // quad, depth.shape[1] // quad
-    inverse = np.full((rows + 1, columns + 1), np.nan)
-    for i in range(rows + 1):
-        for j in range(columns + 1):
-            y, x = np.mgrid[
-                max(i - 1, 0) * quad : min(i + 1, rows) * quad, max(j - 1, 0) * quad : min(j + 1, columns) * quad
-            ]
-            z = depth[y, x].astype(float)
-            seen = np.isfinite(z)
-            if not seen.any():
-                continue
-            w = 1.0 / z[seen]
-            dx, dy = (x[seen] + 0.5) / quad - j, (y[seen] + 0.5) / quad - i
-            fit = np.linalg.lstsq(np.column_stack([np.ones(len(w)), dx, dy]), w, rcond=None)[0][0]
-            spread = w.max() - w.min()
-            inverse[i, j] = min(max(fit, w.min() - spread, 0.5 * w.min()), w.max() + spread)
-    return inverse
-
-
-def test_the_fit_agrees_with_its_plain_twin():
-    from mmi.meshing import _fit
-
-    rng = np.random.default_rng(3)
-    inverse = plane(48, 64, 0.01, 3e-5, 1e-5) * rng.uniform(0.9, 1.1, (48, 64))
-    covered = rng.uniform(size=(48, 64)) < 0.7
-    covered[:16, :16] = False
-    texture = texture_of(inverse, covered=covered)
-    np.testing.assert_allclose(_fit(texture.depth, 16), _slow_fit(texture.depth, 16), rtol=1e-9)
-    assert math.isfinite(_fit(texture.depth, 16)[0, 0]) is False
