@@ -262,7 +262,7 @@ def _primitive_entry(
 
     positions = one.positions.astype("<f4")
     attributes = {"POSITION": add("POSITION", positions, 5126, "VEC3")}
-    accessors[-1] |= {"min": positions.min(axis=0).tolist(), "max": positions.max(axis=0).tolist()}
+    accessors[-1] |= {"min": _shortest(positions.min(axis=0)), "max": _shortest(positions.max(axis=0))}
     if one.uv is not None and one.masked:
         steps = np.rint(65535.0 * one.uv.astype(np.float64)).astype("<u2")
         attributes["TEXCOORD_0"] = add("TEXCOORD_0 in [0, 1]", steps, 5123, "VEC2")
@@ -282,6 +282,11 @@ def _primitive_entry(
         indices = add("indices32", flat.astype("<u4"), 5125, "SCALAR")
     material = materials.setdefault((one.image, one.masked), len(materials))
     return {"attributes": attributes, "indices": indices, "material": material}
+
+
+def _shortest(values: NDArray[np.float32]) -> list[float]:
+    """The shortest decimals that are these numbers in single precision."""
+    return [float(str(value)) for value in values.astype(np.float32)]
 
 
 def _material_entry(image: int | None, masked: bool) -> dict[str, Any]:

@@ -10,7 +10,7 @@ Vertices sit on capture rays, on the plane through the texels around them that b
 along parts of their sides; each is triangulated with all vertices on its outline, so there are no cracks.
 
 Texture coordinates are stored per vertex, and a graphics card interpolates them perspectively, which over a triangle whose
-corners differ in depth is not what the capture saw. Rectangles are cut until the difference is below half a texel.
+corners differ in depth is not what the capture saw. Rectangles are cut until the difference is below a texel.
 (The viewer of this project uses projective coordinates, for which there is no difference.)
 """
 
@@ -25,7 +25,7 @@ from mmi.impostor import DepthTexture, GridMesh
 __all__ = ["covered_windows", "displacement", "grid_mesh"]
 
 _LARGEST = 64  # texels: the rectangles that cutting begins with
-_UV_ERROR = 0.5  # texels
+_UV_ERROR = 1.0  # texels
 _REACH = 3  # texels around a vertex that its depth is fitted to
 _ONE_SURFACE = 0.01  # relative difference of depths between neighbouring texels of one surface, at most
 _PART = 4096  # texels: a picture of its own costs about as much as so many empty texels

@@ -52,7 +52,7 @@ class BuildParameters:
     quad: int = 16
     """Texels: pictures of layers are cut to whole squares of this side."""
     supersample: int = 1
-    texture_quality: int = 85
+    texture_quality: int = 75
     """Of the stored pictures of layers, as WebP counts it; 100 is lossless. Coverage always is."""
     cell_length: float = 40.0
     eye: tuple[float, float] = (1.5, 1.9)

@@ -72,7 +72,7 @@ def texel_ratios(walls: Walls, index: NDArray[np.int64], cell: ViewingCell) -> N
     a = (walls.a[index] - cell.reference[:2]) @ axes.T
     step = (walls.b[index] - cell.reference[:2]) @ axes.T - a
     foot = np.clip(-np.sum(a * step, axis=1) / np.maximum(np.sum(step * step, axis=1), 1e-12), 0.0, 1.0)
-    t = np.stack([np.zeros(len(a)), np.full(len(a), 1 / 3), np.full(len(a), 2 / 3), foot])
+    t = np.stack([*(np.full(len(a), at) for at in (0.0, 1 / 3, 2 / 3, 1.0)), foot])
     points = a + t[..., None] * step
     outside = np.maximum(np.abs(points) - [0.5 * cell.length, cell.half_width], 0.0)
     from_cell = np.maximum(np.hypot(outside[..., 0], outside[..., 1]), 1.0)

@@ -20,7 +20,10 @@ from mmi.city import CityObject, Prism
 
 
 class Solids:
-    """``walls`` (w, 6): ax, ay, bx, by, prism, object; ``prisms`` (p, 3): bottom, top, object. In the order of the city."""
+    """``walls`` (w, 6): ax, ay, bx, by, prism, object; ``prisms`` (p, 6): bottom, top, object, a circle around it (x, y, radius).
+
+    In the order of the city.
+    """
 
     def __init__(self, city, objects=None):
         walls, prisms = [], []
@@ -28,9 +31,11 @@ class Solids:
             for prism in city.objects[i].prisms:
                 for ring in (prism.footprint.exterior, *prism.footprint.interiors):
                     walls += [(*a, *b, len(prisms), i) for a, b in itertools.pairwise(np.asarray(ring.coords))]
-                prisms.append((prism.bottom, prism.top, i))
+                x0, y0, x1, y1 = prism.footprint.bounds
+                circle = (0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * math.hypot(x1 - x0, y1 - y0) + 1e-3)
+                prisms.append((prism.bottom, prism.top, i, *circle))
         self.walls = np.array(walls, dtype=np.float64).reshape(-1, 6)
-        self.prisms = np.array(prisms, dtype=np.float64).reshape(-1, 3)
+        self.prisms = np.array(prisms, dtype=np.float64).reshape(-1, 6)
         self.starts = np.searchsorted(self.walls[:, 4], np.arange(len(prisms) + 1)).astype(np.int64)
         self.ground = city.ground
 
@@ -54,6 +59,8 @@ def _cast(origins, directions, walls, starts, prisms, ground):
         square = dx * dx + dy * dy
         for p in range(len(prisms)):
             bottom, top = prisms[p, 0], prisms[p, 1]
+            if abs(dx * (prisms[p, 4] - y) - dy * (prisms[p, 3] - x)) > prisms[p, 5] * math.sqrt(square):
+                continue
             for w in range(starts[p], starts[p + 1]):
                 ax, ay, bx, by = walls[w, 0] - x, walls[w, 1] - y, walls[w, 2] - x, walls[w, 3] - y
                 side_a, side_b = dx * ay - dy * ax, dx * by - dy * bx
@@ -95,11 +102,8 @@ def el(wide, deep, wing_wide, wing_deep):
 
 def horseshoe(wide, deep, arm, thick):
     """A U that opens towards -y: arms ``arm`` long and ``thick`` wide at both ends of a bar ``deep`` deep."""
-    return Polygon(
-        [
-            (0, 0), (thick, 0), (thick, arm), (wide - thick, arm), (wide - thick, 0), (wide, 0), (wide, arm + deep), (0, arm + deep),
-        ]
-    )  # fmt: skip
+    yard = box(thick, 0, wide - thick, arm)
+    return box(0, 0, wide, arm + deep).difference(yard)
 
 
 def _footprint(kind, wide, deep, turn, extra):

@@ -314,12 +314,12 @@ def file_size_limit(size):
 
 
 def test_a_full_disk_gets_one_line_and_the_build_goes_on_later(capsys, city, dataset, tmp_path):
-    largest = max(path.stat().st_size for path in dataset.glob("cells/*.exr"))
+    largest = max(path.stat().st_size for path in dataset.glob("cells/*.*"))
     arguments = [city, "-o", tmp_path / "out", "--quiet", *SMALL]
     assert run(capsys, build_impostors, *arguments, "--max-cells", "1") == (0, "", "")
     with file_size_limit(largest - 1):
         line = refusal(capsys, *arguments)
-    assert re.search(r"cells/\S+\.exr: (the disk is full|cannot be written).*finished cells are kept", line), line
+    assert re.search(r"cells/\S+\.(exr|glb): (the disk is full|cannot be written).*finished cells are kept", line), line
     assert not list((tmp_path / "out").rglob("*.part*")), "half a file would take room that is asked for"
     assert run(capsys, build_impostors, *arguments) == (0, "", "")
     for path in dataset.rglob("*.*"):

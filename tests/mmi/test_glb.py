@@ -27,6 +27,8 @@ def strip(n: int, *, seed: int = 0, **options) -> GlbPrimitive:
     triangles = np.column_stack([np.zeros(n - 2), np.arange(1, n - 1), np.arange(2, n)]).astype(np.int32)
     positions = rng.normal(scale=300.0, size=(n, 3)).astype(np.float32)
     uv = rng.uniform(-3, 9, size=(n, 2)).astype(np.float32)
+    if options.get("masked"):  # in the steps that they are stored in
+        uv = (rng.integers(0, 65536, size=(n, 2)) / 65535.0).astype(np.float32)
     colors = rng.integers(0, 256, size=(n, 3), dtype=np.uint8)
     return GlbPrimitive(positions, triangles, **({"uv": uv, "colors": colors, "image": 0} | options))
 
@@ -107,8 +109,8 @@ def test_data_is_aligned_and_positions_have_bounds():
     assert len(body) == document["buffers"][0]["byteLength"]
     assert all(view["byteOffset"] % 4 == 0 for view in document["bufferViews"])
     assert all(accessor["byteOffset"] % 4 == 0 for accessor in document["accessors"])
-    # Primitives share views: positions, uv, colours, indices, and one for each image.
-    assert len(document["bufferViews"]) == 4 + 3
+    # Primitives share views: positions, uv of either kind, colours, indices, and one for each image.
+    assert len(document["bufferViews"]) == 5 + 3
     for node, entry in zip(scene().nodes, document["meshes"], strict=False):
         for primitive, written in zip(node.primitives, entry["primitives"], strict=True):
             accessor = document["accessors"][written["attributes"]["POSITION"]]
@@ -150,6 +152,38 @@ def test_all_color_bytes_survive_linear_light():
     linear = np.frombuffer(body, "<u2", 4 * 256, view["byteOffset"]).reshape(256, 4)
     assert linear[[0, 188, 255], 0] / 65535 == pytest.approx([0.0, 0.5029, 1.0], abs=1e-4)  # sRGB 188 is half the light
     assert (linear[:, 3] == 65535).all()
+
+
+@given(st.lists(st.tuples(st.floats(0, 1, width=32), st.floats(0, 1, width=32)), min_size=3, max_size=3))
+@settings(max_examples=60, deadline=None)
+def test_texture_coordinates_of_what_is_masked_are_stored_in_two_bytes_each(corners):
+    """To half a step of 1 / 65535: less than a hundredth of a texel of pictures of a thousand texels."""
+    uv = np.array(corners, dtype=np.float32)
+    data = glb_bytes(GlbScene((GlbNode("l", (strip(3, uv=uv, colors=None, masked=True),)),), scene().images))
+    found = read_glb(data).nodes[0].primitives[0].uv
+    assert found.dtype == np.float32 and found.min() >= 0.0 and found.max() <= 1.0
+    np.testing.assert_allclose(found, uv, atol=0.5 / 65535 + 1e-7)
+    document, body = parsed(data)
+    accessor = document["accessors"][document["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"]]
+    assert (accessor["componentType"], accessor["normalized"], accessor["type"]) == (5123, True, "VEC2")
+    view = document["bufferViews"][accessor["bufferView"]]
+    assert (view["byteStride"], view["byteLength"]) == (4, 3 * 4)
+    stored = np.frombuffer(body, "<u2", 6, view["byteOffset"]).reshape(3, 2) / 65535.0
+    np.testing.assert_allclose(found, stored, atol=1e-7)
+
+
+def test_texture_coordinates_of_either_kind_go_together():
+    """Layers beside buildings, whose textures repeat: of the former in two bytes, of the latter in four."""
+    document, _ = parsed(glb_bytes(scene()))
+    of = [
+        document["accessors"][one["attributes"]["TEXCOORD_0"]]
+        for mesh in document["meshes"]
+        for one in mesh["primitives"]
+        if "TEXCOORD_0" in one["attributes"]
+    ]
+    assert [(one["componentType"], one.get("normalized", False)) for one in of] == [
+        (5126, False), (5123, True), (5123, True),
+    ]  # fmt: skip
 
 
 @given(st.integers(0, 10**9), st.integers(1, 255))
@@ -249,6 +283,11 @@ def test_nonsense_is_refused_before_it_is_written():
         GlbPrimitive(points + np.nan, triangle)
     with pytest.raises(ValueError, match=r"uv of shape \(3, 2\)"):
         GlbPrimitive(points, triangle, uv=points)
+    for outside in (-1e-4, 1.001):
+        uv = np.full((3, 2), outside, dtype=np.float32)
+        with pytest.raises(ValueError, match=r"texture coordinates in \[0, 1\] expected where alpha masks"):
+            GlbPrimitive(points, triangle, uv=uv, masked=True)
+        GlbPrimitive(points, triangle, uv=uv)
     with pytest.raises(ValueError, match="PNG, JPEG or WebP"):
         GlbImage(b"GIF89a")
     with pytest.raises(ValueError, match="image index below 0 expected, found 0"):

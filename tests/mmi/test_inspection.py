@@ -199,7 +199,7 @@ def test_parameters_come_back_from_json(parameters):
     [
         ({"eye": [1.5]}, "as stored"), ({"camera": {"width": 3}}, "as stored"), ({"camera": 7}, "as stored"),
         ({"max_error_px": "ten"}, "as stored"), ({"landmarks": [["a"]]}, "as stored"), ({"sectors": 6.5}, "sectors: a whole"),
-        ({"quad": 16.0}, "quad: a whole"), ({"weights": "heavy"}, "weights: critical-zone or"),
+        ({"quad": 16.0}, "quad: a whole"), ({"weights": "heavy"}, "weights: same-ray or critical-zone or"),
         ({"more": 1}, "expected, found"), ({"near_triangles": True}, "near_triangles: a whole"),
     ],
 )  # fmt: skip

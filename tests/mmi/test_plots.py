@@ -53,7 +53,7 @@ def plan_of(layers=2, per_layer=2, near=3, culled=5):
     graph.add_weighted_edges_from(
         (int(a), int(b), float(w)) for (a, b), w in zip(pairs, weights, strict=True) if w > CAMERA.angle_from_pixels(T)
     )
-    return city, CellPlan(selection, pairs, weights, graph, members)
+    return city, CellPlan(selection, pairs, weights, None, graph, members)
 
 
 def labels(figure):

@@ -27,9 +27,9 @@ def _most(rays, slopes, walls, starts, prisms, eye, viewpoints, front_of, back_o
     """The widest angle at a viewpoint between points of one ray, and what it is between.
 
     Rays start at ``eye`` (3,) and go towards ``rays`` (r, 2); of the slopes at which both walls can be met, both ends, the most
-    level and ``slopes`` (k,) (shares of the way) count. Y is on a wall of object ``front_of`` that faces the eye; X is on a wall
-    of ``back_of``, behind, on the ray turned by ``turn`` (2,) (azimuth, slope), faces the viewpoint and, with ``hidden``, is
-    not hidden from it. The angle is between X and what of X's ray is as far away as Y.
+    level and ``slopes`` (k,) (shares of the way) count. Y is on a wall of object ``front_of`` that faces the eye; X is on one of
+    ``back_of``, behind, on the ray turned by ``turn`` (2,) (azimuth, slope), faces the viewpoint and, with ``hidden``, is not
+    hidden from it. The angle is between X and what of X's ray is as far away as Y.
     """
     most, between = 0.0, np.zeros(9)
     m, x = np.empty((1, 3)), np.empty((1, 3))
@@ -175,7 +175,7 @@ at the reference's height for those at any height of the eye band (1 % for what 
 
 CORNERS = pytest.mark.xfail(
     strict=True,
-    reason="_outlook's viewpoints are 2 * bins equal steps around the outline: two of the cell's corners are between two of them "
+    reason="_outlook's viewpoints are 2 * bins equal steps around the outline: two of the cell's corners lie between them "
     "(17 % too little in the worst case found; with the nearest viewpoint moved to each corner these tests pass)",
 )
 
@@ -339,7 +339,7 @@ class TestRowHouses:
 
     @pytest.mark.xfail(
         strict=True,
-        reason="sight holds one lowest for a whole wall: the 1.5 m at its corner that a shrunken occluder leaves make all 10 m count",
+        reason="sight holds one lowest a wall: the 1.5 m at its corner that a shrunken occluder leaves make all 10 m count",
     )
     def test_of_equal_height_their_wall_weighs_no_more_than_what_shrunken_occluders_leave_of_it(self):
         city = self.row(12.0, 12.0)
@@ -364,7 +364,7 @@ class TestHighEyes:
 
     @pytest.mark.xfail(
         strict=True,
-        reason="the kernels look at the most level and at the highest slope, not at the lowest: 0.49 degrees for 2.6 from 40 m up",
+        reason="the kernels look at the most level and the highest slope, not at the lowest: 0.49 degrees for 2.6, 40 m up",
     )
     def test_walking_towards_what_lies_below_parts_it_too(self):
         city = city_of(block("mast", 50.0, -1.0, 52.0, 1.0, 38.0), block("wall", 100.0, -40.0, 102.0, 40.0, 38.0))

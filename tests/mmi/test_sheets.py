@@ -21,7 +21,8 @@ def layer_of(index, *, sector=0, width=128, height=64, near=50.0):
     depth[inner] = np.linspace(near, near + 30.0, width)[inner[1]]
     ids = np.where(np.isfinite(depth), index, -1).astype(np.int32)
     texture = DepthTexture(view, color, depth, ids)
-    return Layer(index, sector, 0, np.array([index]), texture, grid_mesh(texture))
+    mesh = grid_mesh(texture, viewpoints=view.eye + [[0.0, -20.0, 0.0], [0.0, 20.0, 0.0]], tolerance=0.01)
+    return Layer(index, sector, 0, np.array([index]), texture, mesh)
 
 
 def test_a_row_shows_colour_depth_and_mesh_of_its_layer():

@@ -1,4 +1,4 @@
-"""What the horizon sweep says about walls (``Sight``) against rays: whatever a ray sees must be above the lowest and in a bin."""
+"""What the horizon sweep says about walls (``Sight``) against rays: what a ray sees is above the lowest and in a bin."""
 
 import math
 
@@ -21,7 +21,7 @@ def sights(city, cell, *, count, rng):
     solids = Solids(city)
     w = rng.integers(0, len(solids.walls), count)
     ax, ay, bx, by = solids.walls[w, :4].T
-    bottom, top, _ = solids.prisms[solids.walls[w, 4].astype(int)].T
+    bottom, top = solids.prisms[solids.walls[w, 4].astype(int), :2].T
     t = np.where(rng.random(count) < 0.3, rng.choice([1e-4, 1.0 - 1e-4], count), rng.random(count))
     # Many low: there it is decided what the lowest is.
     z = bottom + (top - bottom) * np.where(rng.random(count) < 0.5, rng.random(count) ** 3, rng.random(count))

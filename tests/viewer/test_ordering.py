@@ -26,7 +26,9 @@ def plane(view, nearness=0.02, across=1e-4, down=-5e-5):
 def captured(layer, view, depth):
     ids = np.where(np.isfinite(depth), 0, -1).astype(np.int32)
     texture = DepthTexture(view, np.zeros((*depth.shape, 3), np.uint8), depth.astype(np.float32), ids)
-    return CapturedLayer(layer, view, grid_mesh(texture, quad=16), texture.depth)
+    cell = view.eye + [[x, y, 0.0] for x in (-20.0, 20.0) for y in (-3.0, 3.0)]
+    mesh = grid_mesh(texture, viewpoints=cell, tolerance=0.5 * ANGLE)
+    return CapturedLayer(layer, view, mesh, texture.depth)
 
 
 def flagged(*pictures, eye_height=0.0):
@@ -96,7 +98,7 @@ def test_what_the_next_sector_sees_counts_too():
 def test_the_ground_comes_between_a_mesh_and_the_foot_of_a_wall():
     view = looking()
     depth = np.full((48, 96), 40.0)
-    depth[:, 50:] = 80.0
+    depth[:, 50:] = 400.0
     one = captured(0, view, depth)
     assert not flagged(one)[0].any()
     flags = flagged(one, eye_height=1.7)[0]

@@ -1,0 +1,386 @@
+"""The bound, end to end: from anywhere in a cell no wrong region is thicker than T + 2 px, and none displaced by more than T.
+
+Cities made to break it are planned, captured and meshed, and views anywhere in the cell are drawn twice without OpenGL: rays
+through pixel centres cast at the true prisms; and at the near objects' prisms and the triangles of the layers, where coverage,
+object and captured depth are those of the nearest texel of the texture. The nearest hit wins, a mesh's by its own depth.
+
+What the project's renderer does otherwise: coverage is filtered (half a texel on either side of a silhouette), and triangles
+that would hide something else by where they stretch (``viewer.ordering``) take captured depth. With ``captured`` so do all here.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import shapely
+from cities import block, cell_along_x, city_of
+from numba import njit
+from solids import Solids, city_from, el, horseshoe, solids_from
+
+from mmi.build import build_cell, prepare_scene
+from mmi.camera import Camera, level_view
+from mmi.capture import Capturer
+from mmi.city import CityObject, Prism
+from mmi.parameters import BuildParameters
+from viewer.quality import thickness
+
+CAMERA = Camera(256, 256, math.radians(60.0))
+
+
+@njit(cache=True, error_model="numpy")
+def _draw(corners, capture, turned, shift, focal, depth, ids, plane, captured_order, best, shown, moved):
+    """Triangles (m, 3, 3) in the view's eye frame into ``best`` (distance along the axis), ``shown`` and ``moved`` (radians).
+
+    ``capture`` (m, 3, 3) are the corners in the capture's eye frame; ``depth``, ``ids`` are the texture's, ``plane`` its window's
+    corner and its focal length. ``turned``, ``shift`` lead from the capture's frame to the view's.
+    """
+    size = len(best)
+    half = size // 2
+    for k in range(len(corners)):
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners[k, 0], corners[k, 1], corners[k, 2]
+        if min(az, bz, cz) >= 0.0:
+            continue
+        # Barycentric coordinates of a ray's hit, divided by how far it is: no clipping needed.
+        nax, nay, naz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+        nbx, nby, nbz = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
+        ncx, ncy, ncz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        volume = ax * nax + ay * nay + az * naz
+        if volume == 0.0:
+            continue
+        left, right, top, bottom = 0, size, 0, size
+        if max(az, bz, cz) < -0.1:
+            ua, ub, uc = -ax / az * focal, -bx / bz * focal, -cx / cz * focal
+            va, vb, vc = ay / az * focal, by / bz * focal, cy / cz * focal
+            left, right = max(0, math.floor(min(ua, ub, uc)) + half), min(size, math.ceil(max(ua, ub, uc)) + half + 1)
+            top, bottom = max(0, math.floor(min(va, vb, vc)) + half), min(size, math.ceil(max(va, vb, vc)) + half + 1)
+        for j in range(top, bottom):
+            dy = -(j + 0.5 - half) / focal
+            for i in range(left, right):
+                dx = (i + 0.5 - half) / focal
+                sa = (dx * nax + dy * nay - naz) / volume
+                sb = (dx * nbx + dy * nby - nbz) / volume
+                sc = (dx * ncx + dy * ncy - ncz) / volume
+                if sa < 0.0 or sb < 0.0 or sc < 0.0 or sa + sb + sc <= 0.0:
+                    continue
+                t = 1.0 / (sa + sb + sc)
+                if not captured_order and t >= best[j, i]:
+                    continue
+                px = (sa * capture[k, 0, 0] + sb * capture[k, 1, 0] + sc * capture[k, 2, 0]) * t
+                py = (sa * capture[k, 0, 1] + sb * capture[k, 1, 1] + sc * capture[k, 2, 1]) * t
+                pz = (sa * capture[k, 0, 2] + sb * capture[k, 1, 2] + sc * capture[k, 2, 2]) * t
+                column = min(max(math.floor(-px / pz * plane[2] - plane[0]), 0), depth.shape[1] - 1)
+                row = min(max(math.floor(py / pz * plane[2] - plane[1]), 0), depth.shape[0] - 1)
+                if ids[row, column] < 0:
+                    continue
+                share = depth[row, column] / -pz
+                qx, qy, qz = px * share, py * share, pz * share
+                x = turned[0, 0] * qx + turned[0, 1] * qy + turned[0, 2] * qz + shift[0]
+                y = turned[1, 0] * qx + turned[1, 1] * qy + turned[1, 2] * qz + shift[1]
+                z = turned[2, 0] * qx + turned[2, 1] * qy + turned[2, 2] * qz + shift[2]
+                distance = -z if captured_order else t
+                if distance >= best[j, i]:
+                    continue
+                best[j, i], shown[j, i] = distance, ids[row, column]
+                ex, ey, ez = dy * z + y, -x - dx * z, dx * y - dy * x
+                moved[j, i] = math.atan2(math.sqrt(ex * ex + ey * ey + ez * ez), dx * x + dy * y - z)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """(h, w) each: which object the geometry shows, which the impostor shows, and how far that is displaced in radians."""
+
+    truth: np.ndarray
+    shown: np.ndarray
+    moved: np.ndarray
+
+
+def compare(city, impostor, view, *, captured=False):
+    """One view of geometry and impostor."""
+    u, v = (one.ravel() for one in np.meshgrid(*view.pixel_centres()))
+    rays = np.column_stack([u / view.focal, -v / view.focal, np.full(len(u), -1.0)]) @ view.eye_from_world[:3, :3]
+    origins = np.broadcast_to(view.eye, rays.shape)
+    shape = (view.window[3], view.window[2])
+    truth = Solids(city).cast(origins, rays)[1].reshape(shape)
+    best, shown = (one.reshape(shape) for one in Solids(city, impostor.near).cast(origins, rays))
+    moved = np.zeros(shape)
+    for layer in impostor.layers:
+        texture, vertices = layer.texture, layer.mesh.vertices.astype(np.float64)
+        rotation, shift = view.eye_from_world[:3, :3], view.eye_from_world[:3, 3]
+        there = texture.view.eye_from_world
+        corners = (vertices @ rotation.T + shift)[layer.mesh.triangles]
+        capture = (vertices @ there[:3, :3].T + there[:3, 3])[layer.mesh.triangles]
+        turned = rotation @ there[:3, :3].T
+        _draw(
+            corners,
+            capture,
+            np.ascontiguousarray(turned),
+            shift - turned @ there[:3, 3],
+            view.focal,
+            texture.depth,
+            texture.object_ids,
+            np.array([texture.view.window[0], texture.view.window[1], texture.view.focal], dtype=np.float64),
+            captured,
+            best,
+            shown,
+            moved,
+        )
+    return Picture(truth, shown, moved)
+
+
+def views_of(city, cell, count, rng):
+    """Views from anywhere in the cell's region and eye band, half of them from its outline; most look at some object."""
+    p, q = np.array(cell.p), np.array(cell.q)
+    left = np.array([-(q - p)[1], (q - p)[0]]) / cell.length
+    for _ in range(count):
+        s, t = rng.uniform(0.0, 1.0), rng.uniform(-1.0, 1.0)
+        if rng.random() < 0.5:
+            s, t = (float(rng.integers(0, 2)), t) if rng.random() < 0.5 else (s, float(rng.choice([-1.0, 1.0])))
+        if rng.random() < 0.2:
+            s, t = float(rng.integers(0, 2)), float(rng.choice([-1.0, 1.0]))
+        x, y = p + s * (q - p) + t * cell.half_width * left
+        one = city.objects[rng.integers(0, len(city.objects))].footprint.representative_point()
+        azimuth = math.atan2(one.y - y, one.x - x) + rng.uniform(-0.35, 0.35)
+        if rng.random() < 0.1:
+            azimuth = rng.uniform(-math.pi, math.pi)
+        eye = np.array([x, y, rng.uniform(*cell.eye)])
+        yield level_view(eye, azimuth, focal=CAMERA.focal, window=CAMERA.window)
+
+
+def built(city, cell, threshold, **options):
+    parameters = BuildParameters(max_error_px=threshold, camera=CAMERA, **{"near_distance": 4.0, **options})
+    scene = prepare_scene(city, parameters)
+    with Capturer(scene.mesh) as capturer:
+        return build_cell(scene, cell, capturer)
+
+
+@dataclass(frozen=True, slots=True)
+class Worst:
+    thickness: float
+    displacement: float
+    where: str
+
+
+def worst(city, cell, impostor, *, views=30, seed=0, captured=False):
+    """The largest thickness and displacement (px) over random views, and where they were found."""
+    thickest, farthest, where = 0.0, 0.0, ["", ""]
+    for view in views_of(city, cell, views, np.random.default_rng(seed)):
+        picture = compare(city, impostor, view, captured=captured)
+        thick = thickness(picture.truth != picture.shown)
+        moved = CAMERA.pixels_from_angle(min(float(picture.moved.max()), 1.5))
+        azimuth = math.degrees(math.atan2(-view.eye_from_world[2, 1], -view.eye_from_world[2, 0]))
+        place = f"from {np.round(view.eye, 3).tolist()} towards {azimuth:.2f} degrees"
+        if thick > thickest:
+            wrong = picture.truth != picture.shown
+            pairs, counts = np.unique(
+                np.stack([picture.truth[wrong], picture.shown[wrong]]), axis=1, return_counts=True
+            )
+            of = ", ".join(
+                f"{a} shown as {b}: {n}" for (a, b), n in zip(pairs.T.tolist(), counts.tolist(), strict=True)
+            )
+            thickest, where[0] = thick, f"thickness {thick:g} px {place} ({of})"
+        if moved > farthest:
+            j, i = np.unravel_index(np.argmax(picture.moved), picture.moved.shape)
+            farthest = moved
+            where[1] = f"displacement {moved:.2f} px {place}, pixel {i}, {j}, object {picture.shown[j, i]}"
+    return Worst(thickest, farthest, "; ".join(where))
+
+
+def turned(shape, degrees, x, y):
+    """A polygon turned about the origin and moved."""
+    return shapely.affinity.translate(shapely.affinity.rotate(shape, degrees, origin=(0.0, 0.0)), x, y)
+
+
+def solid(name, shape, top):
+    return CityObject(name, (Prism(shape, 0.0, top),))
+
+
+def towers_ahead():
+    """Thin, tall, one behind the other, as a walker heads for them."""
+    spots = [(45, -6), (60, 5), (75, -12), (90, 1), (110, -4), (130, 14), (160, -1), (220, 8)]
+    return city_of(*(block(f"tower/{x}", x, y, x + 5, y + 5, 40.0 + 0.4 * x) for x, y in spots))
+
+
+def horseshoes():
+    """U-shaped blocks, open towards the street, away from it and along it, one in another's yard."""
+    return city_of(
+        solid("open", turned(horseshoe(50, 12, 30, 8), 0, -40, 35), 14.0),
+        solid("in the yard", shapely.box(-20, 55, -10, 62), 20.0),
+        solid("away", turned(horseshoe(40, 10, 20, 8), 180, 70, 75), 12.0),
+        solid("along", turned(horseshoe(40, 10, 25, 8), 90, 60, -60), 16.0),
+        solid("small", turned(horseshoe(8, 2, 5, 2), 10, 10, 90), 9.0),
+        solid("corner", turned(el(30, 10, 12, 20), 30, -60, -70), 18.0),
+    )
+
+
+def columns():
+    """Rows of thin columns: every gap shows others, and most shadows are wider than what casts them."""
+    rows = [(25.0, 4.0, 1.0), (40.0, 5.0, 1.2), (60.0, 7.0, 2.0)]
+    return city_of(
+        *(
+            block(f"{y}/{i}", x, y, x + w, y + w, 9.0 + 0.1 * y)
+            for y, step, w in rows
+            for i, x in enumerate(np.arange(-40, 41, step))
+        )
+    )
+
+
+def grazing(degrees, *, long=70.0):
+    """A block whose side lies along a ray from the reference, turned by so much that it is just seen from there."""
+    start, direction = np.array([30.0, 30.0]), math.radians(45.0 - degrees)
+    along = np.array([math.cos(direction), math.sin(direction)])
+    aside = np.array([-along[1], along[0]])
+    corners = [start, start + long * along, start + long * along + 20.0 * aside, start + 20.0 * aside]
+    return city_of(solid("grazed", shapely.Polygon(corners), 20.0))
+
+
+def tower_over_a_roof():
+    return city_of(
+        block("low", -30.0, 25.0, 30.0, 50.0, 5.0),
+        block("tower", -5.0, 56.0, 5.0, 66.0, 60.0),
+        block("beyond", -40.0, 90.0, 40.0, 100.0, 15.0),
+        CityObject(
+            "stepped", (Prism(shapely.box(50, -15, 80, 15), 0.0, 6.0), Prism(shapely.box(60, -5, 70, 5), 6.0, 70.0))
+        ),
+    )
+
+
+def hidden_from_the_middle():
+    """Two houses that the screen hides from the reference, seen around its ends."""
+    return city_of(
+        block("screen", -12.0, 20.0, 12.0, 22.0, 30.0),
+        block("behind", -8.0, 40.0, 8.0, 50.0, 12.0),
+        block("far behind", -14.0, 70.0, 10.0, 80.0, 25.0),
+        block("beside", 30.0, 60.0, 50.0, 70.0, 12.0),
+    )
+
+
+def row_houses():
+    """Touching houses of unequal heights and depths on both sides of the street."""
+    rng = np.random.default_rng(5)
+    objects = []
+    for side in (-1.0, 1.0):
+        x = -80.0
+        while x < 80.0:
+            wide = rng.uniform(5.0, 12.0)
+            y0, y1 = sorted((side * 12.0, side * (12.0 + rng.uniform(8.0, 14.0))))
+            objects.append(block(f"{side}/{x:.1f}", x, y0, x + wide, y1, rng.uniform(8.0, 20.0)))
+            x += wide
+    return city_of(*objects)
+
+
+def low_roofs():
+    """Roofs just below the eyes, and a bridge above them."""
+    return city_of(
+        block("shed", 30.0, -4.0, 60.0, 6.0, 1.6),
+        block("wall", -60.0, 12.0, 60.0, 12.3, 1.2),
+        block("bridge", 80.0, -30.0, 130.0, 30.0, 7.0, bottom=4.5),
+        block("house", 70.0, -10.0, 78.0, 10.0, 10.0),
+        block("beyond", 150.0, -30.0, 160.0, 30.0, 20.0),
+    )
+
+
+def prisms(seed):
+    """A random city."""
+    return city_from(solids_from(np.random.default_rng(seed), 14), cell_along_x(40.0, 3.0))
+
+
+def slab():
+    """A terrace low enough that all of its roof is seen, also where the walls behind it face away."""
+    return city_of(block("slab", -40.0, -40.0, 20.0, -12.0, 0.4))
+
+
+GRAZING = pytest.mark.xfail(
+    strict=True,
+    reason="self_parallax looks at points of one ray only: of a wall that the reference sees edge-on, the whole length falls into a "
+    "texel or between two, and from the end of the cell that is as wide as can be; mesh and texture cannot know better",
+)
+CROPPED = pytest.mark.xfail(
+    strict=True,
+    reason="layer_views counts walls that somebody sees: a roof below the eyes reaches up to the edge of a wall that faces away, "
+    "and is cut off by the window where that is nobody's",
+)
+CELL = cell_along_x(40.0, 3.0)
+CASES = {
+    "towers ahead": towers_ahead,
+    "horseshoes": horseshoes,
+    "columns": columns,
+    "tower over a roof": tower_over_a_roof,
+    "hidden from the middle": hidden_from_the_middle,
+    "row houses": row_houses,
+    "low roofs": low_roofs,
+    "prisms 3": lambda: prisms(3),
+    "prisms 4": lambda: prisms(4),
+    "prisms 5": lambda: prisms(5),
+}
+BROKEN = {("prisms 3", 2.0): GRAZING, ("prisms 4", 2.0): GRAZING}
+
+
+def each_case(thresholds):
+    return pytest.mark.parametrize(
+        ("name", "threshold"),
+        [pytest.param(name, t, marks=BROKEN.get((name, t), ())) for name in CASES for t in thresholds],
+    )
+
+
+def holds(city, cell, threshold, *, views, seed=0, **options):
+    """Asserts the bound from ``views`` random views; the impostor."""
+    impostor = built(city, cell, threshold, **options)
+    found = worst(city, cell, impostor, views=views, seed=seed)
+    assert found.thickness <= threshold + 2.0, found.where
+    assert found.displacement <= threshold, found.where
+    return impostor
+
+
+@each_case([2.0, 5.0, 10.0])
+def test_it_holds(name, threshold):
+    impostor = holds(CASES[name](), CELL, threshold, views=6, seed=1)
+    assert impostor.far.size  # there is something to hold for
+
+
+@pytest.mark.slow
+@each_case([2.0, 5.0, 10.0])
+def test_it_holds_from_many_more_views(name, threshold):
+    holds(CASES[name](), CELL, threshold, views=120, seed=3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(100, 130))
+def test_it_holds_for_more_random_cities(seed):
+    rng = np.random.default_rng(seed)
+    cell = cell_along_x(float(rng.choice([10.0, 20.0, 40.0])), float(rng.choice([1.0, 3.0, 5.0])))
+    holds(city_from(solids_from(rng, 14), cell), cell, 5.0, views=20)
+
+
+@GRAZING
+@pytest.mark.parametrize("degrees", [1e-3, 0.1, 1.0])
+def test_it_holds_for_a_wall_along_a_ray_from_the_reference(degrees):
+    """With 1e-3 degrees between wall and ray, a wall that from the cell's end is 75 px wide is not in the capture at all."""
+    holds(grazing(degrees), CELL, 5.0, views=12)
+
+
+@CROPPED
+def test_it_holds_for_a_low_roof():
+    holds(slab(), CELL, 5.0, views=12, seed=1)
+
+
+@pytest.mark.parametrize("degrees", [-20.0, 10.0, 30.0])
+def test_it_holds_for_walls_that_are_seen_less_edge_on(degrees):
+    holds(grazing(degrees), CELL, 5.0, views=8)
+
+
+def test_a_single_mesh_does_not_keep_it():
+    """What all of this would not notice if the oracle were blind."""
+    impostor = built(towers_ahead(), CELL, 5.0, layering="single")
+    assert worst(towers_ahead(), CELL, impostor, views=12, seed=1).thickness > 7.0
+
+
+def test_from_the_reference_both_pictures_agree():
+    """At the resolution of the captures: what is left are silhouettes, a pixel wide."""
+    city = columns()
+    impostor = built(city, CELL, 10.0)
+    view = level_view(CELL.reference, 0.5 * math.pi, focal=CAMERA.focal, window=CAMERA.window)
+    picture = compare(city, impostor, view)
+    assert thickness(picture.truth != picture.shown) <= 1.0
+    assert np.mean(picture.truth != picture.shown) < 0.02
+    assert len(np.unique(picture.truth)) > 20
