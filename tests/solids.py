@@ -20,9 +20,9 @@ from mmi.city import CityObject, Prism
 
 
 class Solids:
-    """``walls`` (w, 6): ax, ay, bx, by, prism, object; ``prisms`` (p, 6): bottom, top, object, a circle around it (x, y, radius).
+    """``walls`` (w, 6): ax, ay, bx, by, prism, object; ``prisms`` (p, 6): bottom, top, object, circle (x, y, radius).
 
-    In the order of the city.
+    In the order of the city; the circle is around the prism.
     """
 
     def __init__(self, city, objects=None):

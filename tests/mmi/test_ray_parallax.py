@@ -26,9 +26,9 @@ QUAD = math.radians(1.0)
 def _most(rays, slopes, walls, starts, prisms, eye, viewpoints, front_of, back_of, turn, hidden, ground):
     """The widest angle at a viewpoint between points of one ray, and what it is between.
 
-    Rays start at ``eye`` (3,) and go towards ``rays`` (r, 2); of the slopes at which both walls can be met, both ends, the most
-    level and ``slopes`` (k,) (shares of the way) count. Y is on a wall of object ``front_of`` that faces the eye; X is on one of
-    ``back_of``, behind, on the ray turned by ``turn`` (2,) (azimuth, slope), faces the viewpoint and, with ``hidden``, is not
+    Rays start at ``eye`` (3,) and go towards ``rays`` (r, 2); of the slopes at which both walls can be met, the ends, the most
+    level and ``slopes`` (k,) (shares of the way) count. Y is on a wall of object ``front_of`` that faces the eye; X is on one
+    of ``back_of``, behind, on the ray turned by ``turn`` (2,) (azimuth, slope), faces the viewpoint and, with ``hidden``, is not
     hidden from it. The angle is between X and what of X's ray is as far away as Y.
     """
     most, between = 0.0, np.zeros(9)

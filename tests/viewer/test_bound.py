@@ -2,10 +2,11 @@
 
 Cities made to break it are planned, captured and meshed, and views anywhere in the cell are drawn twice without OpenGL: rays
 through pixel centres cast at the true prisms; and at the near objects' prisms and the triangles of the layers, where coverage,
-object and captured depth are those of the nearest texel of the texture. The nearest hit wins, a mesh's by its own depth.
+object and captured depth are those of the nearest texel. The nearest hit wins, a mesh's by its own depth.
 
 What the project's renderer does otherwise: coverage is filtered (half a texel on either side of a silhouette), and triangles
-that would hide something else by where they stretch (``viewer.ordering``) take captured depth. With ``captured`` so do all here.
+that would hide something else by where they stretch (``viewer.ordering``) take captured depth. With ``captured`` so do all
+here; in no case so far did that make a difference.
 """
 
 import math
@@ -32,8 +33,8 @@ CAMERA = Camera(256, 256, math.radians(60.0))
 def _draw(corners, capture, turned, shift, focal, depth, ids, plane, captured_order, best, shown, moved):
     """Triangles (m, 3, 3) in the view's eye frame into ``best`` (distance along the axis), ``shown`` and ``moved`` (radians).
 
-    ``capture`` (m, 3, 3) are the corners in the capture's eye frame; ``depth``, ``ids`` are the texture's, ``plane`` its window's
-    corner and its focal length. ``turned``, ``shift`` lead from the capture's frame to the view's.
+    ``capture`` (m, 3, 3) are the corners in the capture's eye frame; ``depth``, ``ids`` are the texture's, ``plane`` its
+    window's corner and its focal length. ``turned``, ``shift`` lead from the capture's frame to the view's.
     """
     size = len(best)
     half = size // 2
@@ -292,13 +293,13 @@ def slab():
 
 GRAZING = pytest.mark.xfail(
     strict=True,
-    reason="self_parallax looks at points of one ray only: of a wall that the reference sees edge-on, the whole length falls into a "
-    "texel or between two, and from the end of the cell that is as wide as can be; mesh and texture cannot know better",
+    reason="self_parallax looks at points of one ray only: of a wall that the reference sees edge-on, all of its length falls "
+    "into a texel or between two, and from the end of the cell that is wide; mesh and texture cannot know better",
 )
 CROPPED = pytest.mark.xfail(
     strict=True,
-    reason="layer_views counts walls that somebody sees: a roof below the eyes reaches up to the edge of a wall that faces away, "
-    "and is cut off by the window where that is nobody's",
+    reason="layer_views counts walls that somebody sees: a roof below the eyes reaches up to the edge of a wall that faces "
+    "away, and the window cuts it off where no wall in sight reaches as high in the picture",
 )
 CELL = cell_along_x(40.0, 3.0)
 CASES = {
@@ -309,18 +310,10 @@ CASES = {
     "hidden from the middle": hidden_from_the_middle,
     "row houses": row_houses,
     "low roofs": low_roofs,
-    "prisms 3": lambda: prisms(3),
-    "prisms 4": lambda: prisms(4),
     "prisms 5": lambda: prisms(5),
+    "prisms 6": lambda: prisms(6),
 }
-BROKEN = {("prisms 3", 2.0): GRAZING, ("prisms 4", 2.0): GRAZING}
-
-
-def each_case(thresholds):
-    return pytest.mark.parametrize(
-        ("name", "threshold"),
-        [pytest.param(name, t, marks=BROKEN.get((name, t), ())) for name in CASES for t in thresholds],
-    )
+each_case = pytest.mark.parametrize(("name", "threshold"), [(name, t) for name in CASES for t in (2.0, 5.0, 10.0)])
 
 
 def holds(city, cell, threshold, *, views, seed=0, **options):
@@ -332,14 +325,14 @@ def holds(city, cell, threshold, *, views, seed=0, **options):
     return impostor
 
 
-@each_case([2.0, 5.0, 10.0])
+@each_case
 def test_it_holds(name, threshold):
-    impostor = holds(CASES[name](), CELL, threshold, views=6, seed=1)
+    impostor = holds(CASES[name](), CELL, threshold, views=5, seed=1)
     assert impostor.far.size  # there is something to hold for
 
 
 @pytest.mark.slow
-@each_case([2.0, 5.0, 10.0])
+@each_case
 def test_it_holds_from_many_more_views(name, threshold):
     holds(CASES[name](), CELL, threshold, views=120, seed=3)
 
@@ -350,6 +343,14 @@ def test_it_holds_for_more_random_cities(seed):
     rng = np.random.default_rng(seed)
     cell = cell_along_x(float(rng.choice([10.0, 20.0, 40.0])), float(rng.choice([1.0, 3.0, 5.0])))
     holds(city_from(solids_from(rng, 14), cell), cell, 5.0, views=20)
+
+
+@pytest.mark.slow
+@GRAZING
+@pytest.mark.parametrize("seed", [3, 4])
+def test_it_holds_for_random_cities_with_a_wall_along_a_ray(seed):
+    """Object 0 of the one, object 4 of the other; 3 px instead of 2."""
+    holds(prisms(seed), CELL, 2.0, views=24, seed=1)
 
 
 @GRAZING

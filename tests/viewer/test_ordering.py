@@ -1,6 +1,7 @@
 """Order between layers: what is drawn as it is must win and lose against other layers as the captured surfaces do."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -96,15 +97,17 @@ def test_what_the_next_sector_sees_counts_too():
 
 
 def test_the_ground_comes_between_a_mesh_and_the_foot_of_a_wall():
-    view = looking()
-    depth = np.full((48, 96), 40.0)
-    depth[:, 50:] = 400.0
-    one = captured(0, view, depth)
-    assert not flagged(one)[0].any()
-    flags = flagged(one, eye_height=1.7)[0]
-    assert flags.any()
-    below = (one.mesh.uv[:, 1] * 48 - 32)[one.mesh.triangles[flags]].max(axis=1)
-    assert (below > 0.0).all(), "only below the horizon"
+    """A mesh from 40 m on the left to 80 m on the right, where there is a wall 40 m away up to the middle."""
+    for top, sinks in ((-32, True), (-60, False)):  # with the horizon in the picture, and all above it
+        view = level_view(np.array([3.0, -2.0, 1.7]), 0.0, focal=100.0, window=(-48, top, 96, 48))
+        depth = np.full((48, 96), 40.0, dtype=np.float32)
+        depth[:, 50:] = 80.0
+        one = replace(captured(0, view, plane(view, 0.01875, -1.3e-4, 0.0)), depth=depth)
+        assert not flagged(one)[0].any()
+        flags = flagged(one, eye_height=1.7)[0]
+        assert flags.any() == sinks
+        below = (one.mesh.uv[:, 1] * 48 + top)[one.mesh.triangles[flags]].max(axis=1)
+        assert (below > 0.0).all(), "only below the horizon"
 
 
 @pytest.mark.parametrize("seed", range(12))

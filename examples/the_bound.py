@@ -1,0 +1,56 @@
+"""The figure of docs/bound.md: what a capture misses, and how wide a strip of it can open.
+
+python examples/the_bound.py bound.png
+"""
+
+import sys
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.patches import Polygon
+
+FRONT, BACK = np.array([[30, -1], [42, -1], [42, 9], [30, 9]]), np.array([[58, -8], [68, -8], [68, 12], [58, 12]])
+C, M = np.array([0.0, 0.0]), np.array([4.0, -6.0])
+CELL = np.array([[-10, -7], [10, -7], [10, 7], [-10, 7]])
+
+
+def main() -> None:
+    figure, axes = plt.subplots(1, 2, figsize=(11, 3.4), sharey=True, layout="constrained")
+    for axis, title in zip(axes, ("within one object", "between two objects of a layer"), strict=True):
+        axis.add_patch(Polygon(CELL, color="#56b4e9", alpha=0.35, lw=0))
+        axis.add_patch(Polygon(FRONT, color="#999999"))
+        axis.plot(*C, "ko", ms=4)
+        axis.plot(*M, "k^", ms=5)
+        axis.annotate("C", C, (-3.4, 0.8))
+        axis.annotate("M", M, (0.4, -6.0))
+        axis.set_aspect("equal")
+        axis.set_title(title, fontsize=10)
+        axis.set_axis_off()
+        axis.set_xlim(-12, 72)
+        axis.set_ylim(-9, 13)
+    # The lower side of the front block is hidden from C by its front, and M sees it.
+    x = np.array([42.0, -1.0])
+    axes[0].plot([30, 42], [-1, -1], color="#d55e00", lw=3)
+    _rays(axes[0], C + (x - C) * 30.0 / 42.0, x)
+    # What M sees of the back block past the front one, and C does not.
+    axes[1].add_patch(Polygon(BACK, color="#bbbbbb"))
+    x = M + (x - M) * (58.0 - M[0]) / (42.0 - M[0])
+    axes[1].plot([58, 58], [-58.0 / 30.0, x[1]], color="#d55e00", lw=3)
+    _rays(axes[1], C + (x - C) * 30.0 / 58.0, x)
+    figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "bound.png", dpi=130)
+
+
+def _rays(axis: plt.Axes, y: np.ndarray, x: np.ndarray) -> None:
+    axis.plot(*np.array([C, x]).T, color="#0072b2", lw=1)
+    for point, name, shift in ((y, "Y", (-2.2, 0.6)), (x, "X", (0.8, 0.6))):
+        axis.plot(*np.array([M, point]).T, "k--", lw=0.8)
+        axis.plot(*point, "o", color="#d55e00", ms=4)
+        axis.annotate(name, point, point + np.array(shift))
+
+
+if __name__ == "__main__":
+    main()
