@@ -69,12 +69,11 @@ def grid_mesh(texture: DepthTexture, *, viewpoints: NDArray[np.float64], toleran
     """
     if not texture.coverage.any():
         raise ValueError("a depth texture that shows something expected, found an empty one")
-    left, top, _, _ = texture.view.window
+    left, top, width, height = texture.view.window
     offsets = viewpoints @ texture.view.eye_from_world[:3, :3].T + texture.view.eye_from_world[:3, 3]
     inverse = np.where(texture.coverage, 1.0 / texture.depth.astype(np.float64), 0.0)
     frame = (float(left), float(top), texture.view.focal)
     lattice, triangles, values = _mesh(inverse, frame, offsets, 2.0 * np.sin(0.5 * tolerance))
-    width, height = texture.view.window[2:]
     vertices = texture.view.unproject(left + lattice[:, 0], top + lattice[:, 1], 1.0 / values)
     uv = lattice / np.array([width, height])
     return GridMesh(vertices.astype(np.float32), uv.astype(np.float32), triangles)
@@ -87,9 +86,8 @@ def displacement(texture: DepthTexture, mesh: GridMesh, viewpoints: NDArray[np.f
     depth = texture.view.project(mesh.vertices.astype(np.float64))[:, 2]
     lattice = mesh.uv.astype(np.float64) * np.array([width, height])
     inverse = np.where(texture.coverage, 1.0 / texture.depth.astype(np.float64), 0.0)
-    chord = _displacement(
-        inverse, (float(left), float(top), texture.view.focal), offsets, lattice, 1.0 / depth, mesh.triangles
-    )
+    frame = (float(left), float(top), texture.view.focal)
+    chord = _displacement(inverse, frame, offsets, lattice, 1.0 / depth, mesh.triangles)
     return float(2.0 * np.arcsin(min(0.5 * chord, 1.0)))
 
 
@@ -294,8 +292,7 @@ def _cut(inverse: NDArray[np.float64], box: tuple[int, int, int, int], at: tuple
         return False, cut_y
     # Smooth within, so it is the corners that belong to something else: cut off the side closest to the texel.
     gaps = (i - x0, x1 - 1 - i, j - y0, y1 - 1 - j)
-    best = 1 << 30
-    across, where = True, -1
+    best, across, where = 1 << 30, True, -1
     for side in range(4):
         cut = (i + 1, i, j + 1, j)[side]
         inside = (x0 < cut < x1) if side < 2 else (y0 < cut < y1)
@@ -362,8 +359,7 @@ def _mesh(
             if used[y, x] == 0:
                 used[y, x] = count
                 count += 1
-    centres = len(leaves)
-    lattice, values = np.empty((count + centres, 2)), np.empty(count + centres)
+    lattice, values = np.empty((count + len(leaves), 2)), np.empty(count + len(leaves))
     for y in range(height + 1):
         for x in range(width + 1):
             if used[y, x] >= 0:

@@ -287,14 +287,14 @@ def test_rectangles_that_touch_share_their_vertices(seed):
     texture = random_texture(seed)
     mesh = meshed(texture)
     points = (lattice(texture, mesh) * 2.0).astype(int)  # centres lie at halves
-    lone = [(a, b) for (a, b), count in _edges(mesh).items() if count == 1 and (b, a) not in _edges(mesh)]
-    for a, b in lone:
+    edges = _edges(mesh)
+    assert set(edges.values()) == {1}
+    for a, b in (edge for edge in edges if edge[::-1] not in edges):
         step = points[b] - points[a]
         off = points - points[a]
         along = off @ step
         on = (off[:, 0] * step[1] == off[:, 1] * step[0]) & (0 < along) & (along < step @ step)
         assert not on.any()
-    assert all(count == 1 for count in _edges(mesh).values())
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -149,7 +149,9 @@ def test_windows_end_where_sight_does():
     whole, upper = _views(city, [0])[0], _views(city, [0], sight=_sight([6.0] * 4))[0]
     top, height = upper.window[1], upper.window[3]
     assert (upper.window[0], top, upper.window[2]) == (whole.window[0], whole.window[1], whole.window[2])
-    lower = -upper.focal * (6.0 - 1.7) / 90.0  # of the farther wall, which is lower in the picture as it lies above the eye
+    lower = (
+        -upper.focal * (6.0 - 1.7) / 90.0
+    )  # of the farther wall, which is lower in the picture as it lies above the eye
     assert top + height - 16 <= lower <= top + height
     assert height < whole.window[3]
     assert _views(city, [0], sight=_sight([-np.inf] * 4))[0].window == whole.window

@@ -281,6 +281,44 @@ def low_roofs():
     )
 
 
+def canyon():
+    """Three rows of blocks on both sides, taller and taller, with gaps."""
+    rng = np.random.default_rng(8)
+    objects = []
+    for side in (-1.0, 1.0):
+        for away, height in ((8.0, 12.0), (30.0, 25.0), (55.0, 45.0)):
+            x = -100.0
+            while x < 100.0:
+                wide = rng.uniform(8.0, 20.0)
+                y0, y1 = sorted((side * away, side * (away + 15.0)))
+                objects.append(block(f"{side}/{away}/{x:.1f}", x, y0, x + wide, y1, height * rng.uniform(0.6, 1.4)))
+                x += wide + rng.choice([0.0, 1.0, 6.0])
+    return city_of(*objects)
+
+
+def floating():
+    """Slabs above the eyes, before and behind each other and what stands."""
+    return city_of(
+        block("near slab", 40.0, -30.0, 50.0, 30.0, 12.0, bottom=6.0),
+        block("slab", 80.0, -50.0, 90.0, 40.0, 20.0, bottom=9.0),
+        block("house", 60.0, -12.0, 70.0, 2.0, 14.0),
+        block("tower", 110.0, -6.0, 120.0, 6.0, 50.0),
+        block("behind", -70.0, -10.0, -60.0, 25.0, 9.0, bottom=4.0),
+        block("far behind", -100.0, -30.0, -90.0, 30.0, 30.0),
+    )
+
+
+def fans():
+    """Pillars at the borders of all sectors, three deep."""
+    spots = []
+    for k, azimuth in enumerate(np.radians(np.arange(0.0, 360.0, 15.0))):
+        for j, distance in enumerate((35.0, 60.0, 100.0)):
+            x, y = (distance + k % 3) * np.array([math.cos(azimuth + 0.03 * j), math.sin(azimuth + 0.03 * j)])
+            if abs(y) >= 8.0:
+                spots.append((x, y, 8.0 + 6.0 * j + k % 5))
+    return city_of(*(block(f"{x:.1f}/{y:.1f}", x - 1.5, y - 1.5, x + 1.5, y + 1.5, top) for x, y, top in spots))
+
+
 def prisms(seed):
     """A random city."""
     return city_from(solids_from(np.random.default_rng(seed), 14), cell_along_x(40.0, 3.0))
@@ -308,12 +346,15 @@ CASES = {
     "columns": columns,
     "tower over a roof": tower_over_a_roof,
     "hidden from the middle": hidden_from_the_middle,
-    "row houses": row_houses,
     "low roofs": low_roofs,
     "prisms 5": lambda: prisms(5),
     "prisms 6": lambda: prisms(6),
 }
-each_case = pytest.mark.parametrize(("name", "threshold"), [(name, t) for name in CASES for t in (2.0, 5.0, 10.0)])
+LARGER = {"row houses": row_houses, "canyon": canyon, "floating": floating, "fans": fans}
+
+
+def each_of(cases):
+    return pytest.mark.parametrize(("name", "threshold"), [(name, t) for name in cases for t in (2.0, 5.0, 10.0)])
 
 
 def holds(city, cell, threshold, *, views, seed=0, **options):
@@ -325,16 +366,16 @@ def holds(city, cell, threshold, *, views, seed=0, **options):
     return impostor
 
 
-@each_case
+@each_of(CASES)
 def test_it_holds(name, threshold):
-    impostor = holds(CASES[name](), CELL, threshold, views=5, seed=1)
+    impostor = holds(CASES[name](), CELL, threshold, views=4, seed=1)
     assert impostor.far.size  # there is something to hold for
 
 
 @pytest.mark.slow
-@each_case
+@each_of(CASES | LARGER)
 def test_it_holds_from_many_more_views(name, threshold):
-    holds(CASES[name](), CELL, threshold, views=120, seed=3)
+    holds((CASES | LARGER)[name](), CELL, threshold, views=120, seed=3)
 
 
 @pytest.mark.slow
@@ -358,6 +399,12 @@ def test_it_holds_for_random_cities_with_a_wall_along_a_ray(seed):
 def test_it_holds_for_a_wall_along_a_ray_from_the_reference(degrees):
     """With 1e-3 degrees between wall and ray, a wall that from the cell's end is 75 px wide is not in the capture at all."""
     holds(grazing(degrees), CELL, 5.0, views=12)
+
+
+@GRAZING
+def test_it_holds_for_a_house_whose_side_is_in_line_with_the_reference():
+    """The middle of the cell is where the side's plane meets its axis: 34 px of the side are nowhere."""
+    holds(city_of(block("house", -40.0, -90.0, 0.0, -50.0, 14.0)), CELL, 5.0, views=12)
 
 
 @CROPPED
