@@ -68,7 +68,8 @@ def test_a_walk_of_ones_own_is_drawn(built, capsys, tmp_path):
 def test_own_buildings_are_near_in_layers_or_hidden(capsys):
     plan = load("own_buildings").main()
     out = capsys.readouterr().out
-    assert "near:  house A1, house B1, house C1\n" in out
+    near = out.split("near: ")[1].splitlines()[0]
+    assert {name.strip() for name in near.split(",")} >= {"house A1", "house B1", "house C1"}, "the row on the street"
     assert len(plan.layers) > 1
     assert sorted(np.concatenate(plan.layers)) == sorted(plan.selection.far)
     listed = out.split("near: ")[1]

@@ -8,6 +8,7 @@ import pytest
 from cities import crossroads
 
 import mmi.farm
+import mmi.workers
 from mmi.camera import Camera
 from mmi.dataset import FORMAT_VERSION, Dataset, open_dataset, readable_json, with_checksum
 from mmi.errors import DatasetError
@@ -141,7 +142,8 @@ def test_a_build_mends_the_manifest_and_nothing_else(built, manifest):
 def test_a_dataset_of_the_version_before_is_made_again(built, tmp_path, monkeypatch):
     out = tmp_path / "out"
     with monkeypatch.context() as past:
-        past.setattr(mmi.farm, "FORMAT_VERSION", FORMAT_VERSION - 1)
+        for module in (mmi.farm, mmi.workers):
+            past.setattr(module, "FORMAT_VERSION", FORMAT_VERSION - 1)
         build_dataset(crossroads(), out, PARAMETERS, max_cells=3)
     expected = rf"format version {FORMAT_VERSION} expected, found {FORMAT_VERSION - 1}; build it again"
     with pytest.raises(DatasetError, match=expected):

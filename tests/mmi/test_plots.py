@@ -100,7 +100,9 @@ def test_courtyards_stay_open():
     city, plan = plan_of(layers=1, per_layer=1, near=0, culled=0)
     yard = Polygon(box(0, 60, 30, 90).exterior.coords, [box(5, 65, 25, 85).exterior.coords])
     city = City((CityObject("b0", (Prism(yard, 0.0, 10.0),)),), city.streets, city.crs, city.origin, city.source)
-    plan = CellPlan(Selection(city, plan.selection.cell, [0], []), plan.pairs, plan.weights, plan.graph, plan.layers)
+    plan = CellPlan(
+        Selection(city, plan.selection.cell, [0], []), plan.pairs, plan.weights, None, plan.graph, plan.layers
+    )
     figure = birds_eye(city, plan)
     figure.canvas.draw()
     pixels = np.asarray(figure.canvas.buffer_rgba())
@@ -142,7 +144,10 @@ def test_weights_beyond_a_right_angle_are_drawn():
     plan.graph.add_edge(3, 5, weight=2.0 * math.pi)
     weights = np.full(len(plan.weights), 2.0 * math.pi)
     figure = event_graph_plot(
-        city, CellPlan(plan.selection, plan.pairs, weights, plan.graph, plan.layers), camera=CAMERA, max_error_px=T
+        city,
+        CellPlan(plan.selection, plan.pairs, weights, None, plan.graph, plan.layers),
+        camera=CAMERA,
+        max_error_px=T,
     )
     assert sum(bar.get_height() for bar in figure.axes[1].patches) == len(weights)
 

@@ -183,7 +183,7 @@ CORNERS = pytest.mark.xfail(
 class TestSafety:
     """Nothing that brute force finds exceeds the kernel's value."""
 
-    @settings(max_examples=60, deadline=None, derandomize=True)
+    @settings(max_examples=30, deadline=None, derandomize=True)
     @given(st.lists(SOLIDS, min_size=1, max_size=5), CELLS)
     def test_of_single_objects_seen_in_whole(self, solids, cell):
         city = city_from(solids, cell, clearance=CLOSEST)
@@ -192,7 +192,7 @@ class TestSafety:
             found, between = most(city, cell, i, i, rng=rng)
             assert found <= (1.0 + FOUND) * value + 1e-6, between
 
-    @settings(max_examples=60, deadline=None, derandomize=True)
+    @settings(max_examples=30, deadline=None, derandomize=True)
     @given(st.lists(SOLIDS, min_size=1, max_size=6), CELLS)
     def test_of_single_objects_as_far_as_they_are_seen(self, solids, cell):
         city = city_from(solids, cell, clearance=CLOSEST)
@@ -201,12 +201,12 @@ class TestSafety:
             found, between = most(city, cell, i, i, rng=rng, hidden=True)
             assert found <= (1.0 + FOUND) * value + 1e-6, between
 
-    @settings(max_examples=60, deadline=None, derandomize=True)
+    @settings(max_examples=30, deadline=None, derandomize=True)
     @given(st.lists(SOLIDS, min_size=2, max_size=5), CELLS)
     def test_of_pairs_seen_in_whole(self, solids, cell):
         self.pairs(city_from(solids, cell, clearance=CLOSEST), cell, hidden=False)
 
-    @settings(max_examples=60, deadline=None, derandomize=True)
+    @settings(max_examples=30, deadline=None, derandomize=True)
     @given(st.lists(SOLIDS, min_size=2, max_size=6), CELLS)
     def test_of_pairs_as_far_as_they_are_seen(self, solids, cell):
         self.pairs(city_from(solids, cell, clearance=CLOSEST), cell, hidden=True)
