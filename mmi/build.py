@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 
 from mmi.cells import ViewingCell
 from mmi.city import City
-from mmi.dilation import dilate
+from mmi.displacement import displacement
 from mmi.errors import ParameterError
-from mmi.impostor import DepthTexture, Impostor, Layer
+from mmi.impostor import Impostor, Layer
 from mmi.layering import assign_layers, event_graph, panorama_boxes
-from mmi.meshing import covered_windows, displacement, grid_mesh
+from mmi.meshing import grid_mesh
 from mmi.parallax import critical_zone_weights
 from mmi.parameters import BuildParameters
+from mmi.parts import covered_parts
 from mmi.ray_parallax import same_ray_weights, self_parallax
 from mmi.sectors import Walls, layer_views, walls_of
 from mmi.segmentation import near_by_distance, near_by_parallax, near_by_slope, near_by_triangles
@@ -55,8 +56,6 @@ _FINEST_QUAD = 8
 """Texels: rays this close to each other count as one, since a mesh connects them."""
 _MESH_SHARE = 0.5
 """Of the threshold: what a mesh may displace where depth does not jump."""
-_COLOR_REACH = 4
-"""Texels that colour is dilated beyond silhouettes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,7 +129,8 @@ def prepare_scene(city: City, parameters: BuildParameters) -> Scene:
         )
     stages = [nearby, near_by_slope(parameters.steepest)]
     if parameters.weights == "same-ray":
-        stages.append(near_by_parallax(walls, parameters.max_angle, factors=landmarks))
+        texel = 1.0 / parameters.camera.focal
+        stages.append(near_by_parallax(walls, parameters.max_angle, texel=texel, factors=landmarks))
     return Scene(
         city=city,
         parameters=parameters,
@@ -166,7 +166,8 @@ def plan_cell(
         if parameters.weights == "same-ray":
             quad = _FINEST_QUAD / parameters.camera.focal
             pairs, weights = same_ray_weights(cell, scene.walls, far, selection.sight, quad=quad)
-            parallax = self_parallax(scene.city, cell, scene.walls, far, selection.sight)
+            texel = 1.0 / parameters.camera.focal
+            parallax = self_parallax(scene.city, cell, scene.walls, far, selection.sight, texel=texel)
         else:
             signed = parameters.weights == "critical-zone"
             pairs, weights = critical_zone_weights(cell, objects, signed=signed)
@@ -189,7 +190,7 @@ def capture_layers(
     """The depth textures and grid meshes of a plan's layers, each sector of one after the other (paper section 5.1)."""
     parameters, watch, cell = scene.parameters, watch or Stopwatch(), plan.selection.cell
     viewpoints = np.column_stack([cell.corners, np.full(4, cell.reference[2])])
-    sight = plan.selection.sight
+    sight, half_width = plan.selection.sight, math.tan(math.pi / parameters.sectors)
     for index, objects in enumerate(plan.layers):
         with watch.stage("windows"):
             views = layer_views(
@@ -208,7 +209,7 @@ def capture_layers(
             with watch.stage("meshing"):
                 if sight is not None:
                     whole = without_unseen(whole, scene.walls, sight)
-                parts = _parts(whole, parameters.quad, math.tan(math.pi / parameters.sectors))
+                parts = covered_parts(whole, quad=parameters.quad, half_width=half_width)
             del whole
             for part, texture in enumerate(parts):
                 with watch.stage("meshing"):
@@ -225,23 +226,3 @@ def build_cell(scene: Scene, cell: ViewingCell, capturer: Capturer, *, watch: St
     layers = capture_layers(scene, plan, capturer, watch=watch)
     by_sector = tuple(sorted(layers, key=lambda layer: (layer.sector, layer.index, layer.part)))
     return Impostor(cell, plan.selection.near, plan.selection.far, by_sector)
-
-
-def _parts(texture: DepthTexture, quad: int, half_width: float) -> list[DepthTexture]:
-    """What shows something, cropped to whole quads and colour dilated.
-
-    Not what shows nothing within ``half_width`` (tangent) of the middle: where the next sector overlaps, that is its.
-    """
-    left, top, _, _ = texture.view.window
-    parts = []
-    for window in covered_windows(texture, quad=quad):
-        rows = slice(window[1] - top, window[1] - top + window[3])
-        columns = slice(window[0] - left, window[0] - left + window[2])
-        ids = np.ascontiguousarray(texture.object_ids[rows, columns])
-        view = texture.view.cropped(window)
-        u = view.pixel_centres()[0][(ids >= 0).any(axis=0)]
-        if not (np.abs(u) <= half_width * view.focal).any():
-            continue
-        color = dilate(np.ascontiguousarray(texture.color[rows, columns]), ids >= 0, _COLOR_REACH)
-        parts.append(DepthTexture(view, color, np.ascontiguousarray(texture.depth[rows, columns]), ids))
-    return parts

@@ -10,7 +10,7 @@ Vertices sit on capture rays, on the plane through the texels around them that b
 along parts of their sides; each is triangulated with all vertices on its outline, so there are no cracks.
 
 Texture coordinates are stored per vertex, and a graphics card interpolates them perspectively, which over a triangle whose
-corners differ in depth is not what the capture saw. Rectangles are cut until the difference is below a texel.
+corners differ in depth is not what the capture saw. Rectangles are cut until the difference is about a texel.
 (The viewer of this project uses projective coordinates, for which there is no difference.)
 """
 
@@ -20,52 +20,24 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mmi.displacement import chord
 from mmi.impostor import DepthTexture, GridMesh
 
-__all__ = ["covered_windows", "displacement", "grid_mesh"]
+__all__ = ["grid_mesh"]
 
 _LARGEST = 64  # texels: the rectangles that cutting begins with
 _UV_ERROR = 1.0  # texels
 _REACH = 3  # texels around a vertex that its depth is fitted to
 _ONE_SURFACE = 0.01  # relative difference of depths between neighbouring texels of one surface, at most
-_PART = 4096  # texels: a picture of its own costs about as much as so many empty texels
-
-
-def covered_windows(texture: DepthTexture, *, quad: int) -> list[tuple[int, int, int, int]]:
-    """The parts of the texture's window that hold something, from left to right, in whole quads; none where nothing does.
-
-    Empty columns of quads separate parts, each with its own upper and lower edge, unless more than ``_PART`` texels are
-    not saved by that.
-    """
-    left, top, _, _ = texture.view.window
-    keep = _blocks_with_coverage(texture.coverage, quad)
-    columns = np.flatnonzero(keep.any(axis=0))
-    if not columns.size:
-        return []
-    spans: list[tuple[int, int, int, int]] = []  # first and last column, first and last row
-    for run in np.split(columns, np.flatnonzero(np.diff(columns) > 1) + 1):
-        rows = np.flatnonzero(keep[:, run[0] : run[-1] + 1].any(axis=1))
-        span = (int(run[0]), int(run[-1]), int(rows[0]), int(rows[-1]))
-        while spans:
-            last = spans[-1]
-            both = (last[0], span[1], min(last[2], span[2]), max(last[3], span[3]))
-            if (_area(both) - _area(last) - _area(span)) * quad * quad > _PART:
-                break
-            spans.pop()
-            span = both
-        spans.append(span)
-    return [(left + c0 * quad, top + r0 * quad, (c1 - c0 + 1) * quad, (r1 - r0 + 1) * quad) for c0, c1, r0, r1 in spans]
-
-
-def _area(span: tuple[int, int, int, int]) -> int:
-    return (span[1] - span[0] + 1) * (span[3] - span[2] + 1)
 
 
 def grid_mesh(texture: DepthTexture, *, viewpoints: NDArray[np.float64], tolerance: float) -> GridMesh:
-    """The mesh of one depth texture, off by no more than ``tolerance`` radians as seen from ``viewpoints`` (k, 3).
+    """The mesh of one depth texture, off by about ``tolerance`` radians at most as seen from ``viewpoints`` (k, 3).
 
-    Where depth jumps from one texel to the next, the mesh stretches between the two, and texels next to the jump may be
-    displaced by as much as it is; :func:`displacement` measures what remains. Raises ValueError where nothing is covered.
+    That is what a rectangle between its four corners is off by; vertices of others on its sides may add as much. Where
+    depth jumps from one texel to the next, the mesh stretches between the two, and texels next to the jump may be
+    displaced by as much as it is; :func:`mmi.displacement.displacement` measures what remains. Raises ValueError where
+    nothing is covered.
     """
     if not texture.coverage.any():
         raise ValueError("a depth texture that shows something expected, found an empty one")
@@ -77,38 +49,6 @@ def grid_mesh(texture: DepthTexture, *, viewpoints: NDArray[np.float64], toleran
     vertices = texture.view.unproject(left + lattice[:, 0], top + lattice[:, 1], 1.0 / values)
     uv = lattice / np.array([width, height])
     return GridMesh(vertices.astype(np.float32), uv.astype(np.float32), triangles)
-
-
-def displacement(texture: DepthTexture, mesh: GridMesh, viewpoints: NDArray[np.float64]) -> float:
-    """Radians: how far the mesh draws a captured texel from where it is, at most, seen from ``viewpoints`` (k, 3)."""
-    left, top, width, height = texture.view.window
-    offsets = viewpoints @ texture.view.eye_from_world[:3, :3].T + texture.view.eye_from_world[:3, 3]
-    depth = texture.view.project(mesh.vertices.astype(np.float64))[:, 2]
-    lattice = mesh.uv.astype(np.float64) * np.array([width, height])
-    inverse = np.where(texture.coverage, 1.0 / texture.depth.astype(np.float64), 0.0)
-    frame = (float(left), float(top), texture.view.focal)
-    chord = _displacement(inverse, frame, offsets, lattice, 1.0 / depth, mesh.triangles)
-    return float(2.0 * np.arcsin(min(0.5 * chord, 1.0)))
-
-
-@njit(cache=True, error_model="numpy")
-def _chord(
-    x: float, y: float, captured: float, drawn: float, frame: tuple[float, float, float], offsets: NDArray[np.float64]
-) -> float:
-    """Distance between the directions to where a texel was captured and where it is drawn (both 1/z), from any of ``offsets``.
-
-    (x, y) counts in texels from the window's corner; ``offsets`` (k, 3) are viewpoints in the capture's eye space.
-    """
-    ux, uy = (frame[0] + x) / frame[2], -(frame[1] + y) / frame[2]
-    most = 0.0
-    z1, z2 = 1.0 / captured, 1.0 / drawn
-    for k in range(len(offsets)):
-        x1, y1, w1 = ux * z1 - offsets[k, 0], uy * z1 - offsets[k, 1], -z1 - offsets[k, 2]
-        x2, y2, w2 = ux * z2 - offsets[k, 0], uy * z2 - offsets[k, 1], -z2 - offsets[k, 2]
-        n1, n2 = (x1 * x1 + y1 * y1 + w1 * w1) ** -0.5, (x2 * x2 + y2 * y2 + w2 * w2) ** -0.5
-        dx, dy, dw = x1 * n1 - x2 * n2, y1 * n1 - y2 * n2, w1 * n1 - w2 * n2
-        most = max(most, dx * dx + dy * dy + dw * dw)
-    return most**0.5
 
 
 @njit(cache=True, error_model="numpy")
@@ -233,7 +173,7 @@ def _worst(
             closest = 1.0 - reach * max(w, drawn)
             if closest > 0.0 and reach * off < tolerance * closest * closest:
                 continue
-            if _chord(i + 0.5, j + 0.5, w, drawn, frame, offsets) > tolerance:
+            if chord(i + 0.5, j + 0.5, w, drawn, frame, offsets) > tolerance:
                 most, at = off / w, (i, j)
     return at
 
@@ -302,6 +242,42 @@ def _cut(inverse: NDArray[np.float64], box: tuple[int, int, int, int], at: tuple
 
 
 @njit(cache=True, error_model="numpy")
+def _cut_beside(
+    box: tuple[int, int, int, int],
+    known: NDArray[np.float64],
+    used: NDArray[np.int32],
+    frame: tuple[float, float, float],
+    offsets: NDArray[np.float64],
+    tolerance: float,
+) -> tuple[bool, int]:
+    """Where to cut a box of which a side has a vertex farther from the straight line than the tolerance: as :func:`_cut`.
+
+    First a strip of one texel along that side, then that strip at the vertex. The coordinate is -1 where nothing is to be
+    cut.
+    """
+    x0, y0, x1, y1 = box
+    most, found = 0.0, (True, -1)
+    for side in range(4):
+        level = side < 2  # along a row
+        fixed = (y0, y1, x0, x1)[side]
+        start, end = (x0, x1) if level else (y0, y1)
+        thick = y1 - y0 if level else x1 - x0
+        first = known[fixed, start] if level else known[start, fixed]
+        last = known[fixed, end] if level else known[end, fixed]
+        for k in range(start + 1, end):
+            x, y = (k, fixed) if level else (fixed, k)
+            if used[y, x] < 0:
+                continue
+            straight = first + (last - first) * (k - start) / (end - start)
+            off = abs(straight - known[y, x]) / straight
+            if off > max(most, 1e-6) and chord(x, y, straight, known[y, x], frame, offsets) > tolerance:
+                most = off
+                strip = fixed + 1 if side % 2 == 0 else fixed - 1
+                found = (not level, strip) if thick > 1 else (level, k)
+    return found
+
+
+@njit(cache=True, error_model="numpy")
 def _mesh(
     inverse: NDArray[np.float64],
     frame: tuple[float, float, float],
@@ -325,34 +301,51 @@ def _mesh(
     leaves = [(0, 0, 0, 0)]
     leaves.pop()
     while stack:
-        box = _trimmed(covered, stack.pop())
-        x0, y0, x1, y1 = box
-        if x1 == x0:
-            continue
-        for y in (y0, y1):
-            for x in (x0, x1):
-                if known[y, x] == 0.0:
-                    known[y, x] = _value(inverse, x, y)
-        corners = (known[y0, x0], known[y0, x1], known[y1, x0], known[y1, x1])
-        across, where = True, -1
-        in_x, in_y = _stretched(box, corners)
-        if in_x and x1 - x0 > 1:
-            across, where = True, (x0 + x1) // 2
-        elif in_y and y1 - y0 > 1:
-            across, where = False, (y0 + y1) // 2
-        at = _worst(inverse, box, corners, frame, offsets, tolerance)
-        if at[0] >= 0 and (x1 - x0 > 1 or y1 - y0 > 1):
-            across, where = _cut(inverse, box, at)
-        if where < 0:
-            leaves.append(box)
+        while stack:
+            box = _trimmed(covered, stack.pop())
+            x0, y0, x1, y1 = box
+            if x1 == x0:
+                continue
             for y in (y0, y1):
-                used[y, x0] = used[y, x1] = 0
-        elif across:
-            stack.append((x0, y0, where, y1))
-            stack.append((where, y0, x1, y1))
-        else:
-            stack.append((x0, y0, x1, where))
-            stack.append((x0, where, x1, y1))
+                for x in (x0, x1):
+                    if known[y, x] == 0.0:
+                        known[y, x] = _value(inverse, x, y)
+            corners = (known[y0, x0], known[y0, x1], known[y1, x0], known[y1, x1])
+            across, where = True, -1
+            in_x, in_y = _stretched(box, corners)
+            if in_x and x1 - x0 > 1:
+                across, where = True, (x0 + x1) // 2
+            elif in_y and y1 - y0 > 1:
+                across, where = False, (y0 + y1) // 2
+            at = _worst(inverse, box, corners, frame, offsets, tolerance)
+            if at[0] >= 0 and (x1 - x0 > 1 or y1 - y0 > 1):
+                across, where = _cut(inverse, box, at)
+            if where < 0:
+                leaves.append(box)
+            elif across:
+                stack.append((x0, y0, where, y1))
+                stack.append((where, y0, x1, y1))
+            else:
+                stack.append((x0, y0, x1, where))
+                stack.append((x0, where, x1, y1))
+        # Vertices of others on a leaf's sides pull its surface towards theirs: where that is too far, it is cut there.
+        used[:] = -1
+        for x0, y0, x1, y1 in leaves:
+            used[y0, x0] = used[y0, x1] = used[y1, x0] = used[y1, x1] = 0
+        kept = [(0, 0, 0, 0)]
+        kept.pop()
+        for box in leaves:
+            across, where = _cut_beside(box, known, used, frame, offsets, tolerance)
+            x0, y0, x1, y1 = box
+            if where < 0:
+                kept.append(box)
+            elif across:
+                stack.append((x0, y0, where, y1))
+                stack.append((where, y0, x1, y1))
+            else:
+                stack.append((x0, y0, x1, where))
+                stack.append((x0, where, x1, y1))
+        leaves = kept
     count = 0
     for y in range(height + 1):
         for x in range(width + 1):
@@ -399,52 +392,3 @@ def _mesh(
     for k in range(len(triangles)):
         corners_of[k, 0], corners_of[k, 1], corners_of[k, 2] = triangles[k]
     return lattice[:count], corners_of, values[:count]
-
-
-@njit(cache=True, error_model="numpy")
-def _displacement(
-    inverse: NDArray[np.float64],
-    frame: tuple[float, float, float],
-    offsets: NDArray[np.float64],
-    lattice: NDArray[np.float64],
-    values: NDArray[np.float64],
-    triangles: NDArray[np.int32],
-) -> float:
-    """The largest chord (see _chord) over all captured texels, each drawn by the triangle that its centre lies in."""
-    height, width = inverse.shape
-    most = 0.0
-    for k in range(len(triangles)):
-        (ax, ay), (bx, by), (cx, cy) = lattice[triangles[k, 0]], lattice[triangles[k, 1]], lattice[triangles[k, 2]]
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if area == 0.0:
-            continue
-        left, right = max(int(min(ax, bx, cx)), 0), min(int(np.ceil(max(ax, bx, cx))), width)
-        top, bottom = max(int(min(ay, by, cy)), 0), min(int(np.ceil(max(ay, by, cy))), height)
-        for j in range(top, bottom):
-            for i in range(left, right):
-                if inverse[j, i] == 0.0:
-                    continue
-                x, y = i + 0.5, j + 0.5
-                s = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
-                t = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
-                if s < -1e-9 or t < -1e-9 or s + t > 1.0 + 1e-9:
-                    continue
-                a, b, c = values[triangles[k, 0]], values[triangles[k, 1]], values[triangles[k, 2]]
-                drawn = a + s * (b - a) + t * (c - a)
-                if abs(drawn - inverse[j, i]) > 1e-9 * drawn:
-                    most = max(most, _chord(x, y, inverse[j, i], drawn, frame, offsets))
-    return most
-
-
-@njit(cache=True)
-def _blocks_with_coverage(covered: NDArray[np.bool_], side: int) -> NDArray[np.bool_]:
-    """(rows, columns): blocks of ``side`` texels that hold a covered one, or touch one (filtering reaches beyond)."""
-    height, width = covered.shape
-    blocks = np.zeros((height // side, width // side), dtype=np.bool_)
-    for i in range(height):
-        for j in range(width):
-            if covered[i, j]:
-                upper, lower = max(i - 1, 0) // side, min(i + 1, height - 1) // side
-                left, right = max(j - 1, 0) // side, min(j + 1, width - 1) // side
-                blocks[upper, left] = blocks[upper, right] = blocks[lower, left] = blocks[lower, right] = True
-    return blocks

@@ -29,7 +29,7 @@ class BuildParameters:
     max_error_px: float = 10.0
     """Threshold T: how far what shares a layer may move apart, in pixels of ``camera``."""
     camera: Camera = field(default_factory=lambda: Camera(512, 512, math.radians(60.0)))
-    near_distance: float = 20.0
+    near_distance: float = 30.0
     """Objects nearer to the cell than this stay geometry (unless ``near_triangles`` is given)."""
     near_triangles: int | None = None
     """A budget: the nearest objects stay geometry as long as they have no more triangles than this together."""

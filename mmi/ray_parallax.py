@@ -5,16 +5,17 @@ layer hides from C: a point X behind a point Y on one ray from C. Seen from anyw
 between the two is the strip of points that were on that ray, and it is as wide as the angle YMX. So not the angle between
 any two points of two objects counts (the paper's weight, :mod:`mmi.parallax`), but that between points of one ray:
 
-- within one object, the *self-parallax*: what its own front hides of its sides and wings. An object that has more of it than
-  the user allows stays geometry (:func:`self_parallax`);
+- within one object, the *self-parallax*: what its own front hides of its sides and wings, and how far a wall (a roof, an
+  underside) runs within one texel where the capture looks along it. An object that has more of it than the user allows
+  stays geometry (:func:`self_parallax`);
 - between two objects, the *weight* of the pair (:func:`same_ray_weights`). Here rays count as one if they fall into one
   column or its neighbours: meshes connect what is next to each other in the texture.
 
 X counts only as far as it may be seen at all, and only for viewpoints that may see it (between two objects, it or what is in
 front of it: the mesh stretches between both): :class:`mmi.selection.Sight` says what of a wall is visible from which part of
 the cell. Rays meet two surfaces at a range of slopes (height over distance). The
-angle is taken at the slope of this range that is closest to level, where moving sideways parts them most, and at the
-steepest, where walking towards them does.
+angle is taken at the slope of this range that is closest to level, where moving sideways parts them most, and at both ends,
+where walking towards them does.
 
 Viewpoints are the cell's outline: over a region the angle between two fixed points is largest on its boundary. A point seen
 from inside the cell is seen from the outline behind as well, and parallax grows along that line of sight; so each line of
@@ -34,7 +35,8 @@ from numpy.typing import NDArray
 from mmi.cells import ViewingCell
 from mmi.city import City
 from mmi.critical_zone import cell_region
-from mmi.sectors import Walls
+from mmi.horizon import BINS
+from mmi.sectors import Walls, texel_ratios
 from mmi.selection import Sight
 
 __all__ = ["same_ray_weights", "self_parallax"]
@@ -74,12 +76,13 @@ class _Outlook:
 
 
 def self_parallax(
-    city: City, cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], sight: Sight | None
+    city: City, cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], sight: Sight | None, *, texel: float
 ) -> NDArray[np.float64]:
     """(n,) radians for each of ``objects`` (n,): how wide a strip it may open in a picture of it from the reference viewpoint.
 
-    Infinite for what meets the cell. ``walls`` are those of ``city``. Without ``sight`` every wall that faces the cell may
-    be seen in whole.
+    Infinite for what meets the cell. ``walls`` are those of ``city``; ``texel`` is the angle in radians within which rays are
+    one, for what needs no finer texels than a display's pixels. Without ``sight`` every wall that faces the cell may be
+    seen in whole.
     """
     outlook = _outlook(cell, walls, objects, sight)
     parallax = _self_parallax(
@@ -92,6 +95,8 @@ def self_parallax(
         outlook.whence,
         outlook.viewpoints,
         outlook.rise,
+        outlook.open,
+        texel / texel_ratios(walls, walls.of(objects), cell),
     )
     footprints = [city.objects[i].footprint for i in objects]
     parallax[shapely.distance(footprints, cell_region(cell)) <= _TOUCHING] = math.inf
@@ -134,10 +139,15 @@ def _outlook(cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], sight:
     a, b = walls.a[index] - (x, y), walls.b[index] - (x, y)
     bottom, top = walls.bottom[index] - eye, walls.top[index] - eye
     corners = cell.corners - (x, y)
-    bins = 64 if sight is None else sight.bins
+    bins = BINS if sight is None else sight.bins
     bits = np.full(len(index), 2**64 - 1, dtype=np.uint64) if sight is None else sight.bits[index]
     low = bottom.copy() if sight is None else np.maximum(bottom, sight.lowest[index] - eye)
+    if bins == BINS:  # of more viewpoints than bins, some share a bin with the next
+        one = np.uint64(1)
+        bits = bits | (bits << one | bits >> np.uint64(BINS - 1)) | (bits >> one | bits << np.uint64(BINS - 1))
     viewpoints = _around(corners, np.arange(2 * bins) / (2 * bins))
+    for corner in corners:
+        viewpoints[np.argmin(np.hypot(*(viewpoints - corner).T))] = corner
     whence = _whence(a, b, np.where(low < top, bits, np.uint64(0)), bins, corners, viewpoints)
     rise = 0.5 * (cell.eye[1] - cell.eye[0])
     ends = (bottom > -rise) | (top < rise)
@@ -262,6 +272,48 @@ def _level(low: float, high: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def _along_wall(
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    height: float,
+    texel: float,
+    viewpoints: NDArray[np.float64],
+    whence: NDArray[np.bool_],
+) -> float:
+    """Largest square of the chord between two points of a wall, ``height`` above the reference, that fall into one texel.
+
+    At both ends, and in the middle. A wall that the reference sees edge-on is one texel wide in whole.
+    """
+    turn = math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])
+    ex, ey = b[0] - a[0], b[1] - a[1]
+    most = 0.0
+    for place in range(3):
+        start = 0.0
+        if abs(turn) > texel:
+            start = (0.0, 0.5 * (turn - math.copysign(texel, turn)), turn - math.copysign(texel, turn))[place]
+        ends = np.empty(2)
+        for k in range(2):
+            angle = start if k == 0 else (start + math.copysign(texel, turn) if abs(turn) > texel else turn)
+            ux = a[0] * math.cos(angle) - a[1] * math.sin(angle)
+            uy = a[0] * math.sin(angle) + a[1] * math.cos(angle)
+            cross = ex * uy - ey * ux
+            ends[k] = (a[1] * ux - a[0] * uy) / cross if cross != 0.0 else float(k)
+        if abs(turn) <= texel:
+            ends[0], ends[1] = 0.0, 1.0
+        for k in range(len(whence)):
+            if whence[k]:
+                x1, y1 = a[0] + ends[0] * ex - viewpoints[k, 0], a[1] + ends[0] * ey - viewpoints[k, 1]
+                x2, y2 = a[0] + ends[1] * ex - viewpoints[k, 0], a[1] + ends[1] * ey - viewpoints[k, 1]
+                n1 = 1.0 / math.sqrt(x1 * x1 + y1 * y1 + height * height)
+                n2 = 1.0 / math.sqrt(x2 * x2 + y2 * y2 + height * height)
+                dx, dy, dz = x1 * n1 - x2 * n2, y1 * n1 - y2 * n2, height * (n1 - n2)
+                most = max(most, dx * dx + dy * dy + dz * dz)
+        if abs(turn) <= texel:
+            break
+    return most
+
+
+@njit(cache=True, error_model="numpy")
 def _self_parallax(
     a: NDArray[np.float64],
     b: NDArray[np.float64],
@@ -272,6 +324,8 @@ def _self_parallax(
     whence: NDArray[np.bool_],
     viewpoints: NDArray[np.float64],
     rise: float,
+    ends: NDArray[np.bool_],
+    texels: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Rays through the ends of every wall that may be seen, just beside them, and through points between."""
     n, p = len(first) - 1, len(viewpoints)
@@ -284,6 +338,8 @@ def _self_parallax(
         for w in range(start, end):
             if not whence[w].any():
                 continue
+            height = _level(low[w], top[w])
+            most = max(most, _along_wall(a[w], b[w], height, texels[w], viewpoints, whence[w]))
             for ray in range(4 + len(_WITHIN)):
                 t = 0.0 if ray < 2 else 1.0 if ray < 4 else _WITHIN[ray - 4]
                 x, y = a[w, 0] + t * (b[w, 0] - a[w, 0]), a[w, 1] + t * (b[w, 1] - a[w, 1])
@@ -308,6 +364,10 @@ def _self_parallax(
                     back, far = walls[i], hits[i]
                     if not whence[back].any():
                         continue
+                    if ends[back]:  # how far its roof or underside runs within a texel
+                        level = bottom[back] if bottom[back] > -rise else top[back]
+                        near = max(far - far * far * texels[back] / max(abs(level), 1e-6), hits[:count].min())
+                        most = max(most, _widest(near, far, level / far, along, aside, whence[back], rise))
                     for j in range(count):
                         front, near = walls[j], hits[j]
                         facing = a[front, 0] * b[front, 1] - a[front, 1] * b[front, 0] < 0.0
@@ -317,7 +377,7 @@ def _self_parallax(
                         highest = min(top[front] / near, top[back] / far)
                         if lowest > highest:
                             continue
-                        for slope in (_level(lowest, highest), highest):
+                        for slope in (lowest, _level(lowest, highest), highest):
                             most = max(most, _widest(near, far, slope, along, aside, whence[back], rise))
         parallax[one] = _angle(most)
     return parallax
@@ -442,7 +502,7 @@ def _pair_weights(
                     continue
                 for k in range(p):
                     either[k] = whence[w, k] or whence[closest[column, i], k]
-                for slope in (_level(from_slope, to_slope), to_slope):
+                for slope in (from_slope, _level(from_slope, to_slope), to_slope):
                     chord = _widest(near, far, slope, along, aside, either, rise)
                     chords[i, j] = max(chords[i, j], chord)
     return 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(chords), 1.0))

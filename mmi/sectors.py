@@ -101,7 +101,9 @@ def layer_views(
     index = walls.of(objects)
     low = walls.bottom[index]
     if sight is not None:
-        low = np.maximum(low, sight.lowest[index])
+        # Where roof or underside may be seen, that ends at walls which face away.
+        ends = (walls.top[index] < cell.eye[1]) | (walls.bottom[index] > cell.eye[0])
+        low = np.where(ends, low, np.maximum(low, sight.lowest[index]))
         shows = low < walls.top[index]
         index, low = index[shows], low[shows]
     ratios = texel_ratios(walls, index, cell)

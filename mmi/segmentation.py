@@ -55,15 +55,18 @@ def near_by_slope(steepest: float) -> Extractor:
     return extract
 
 
-def near_by_parallax(walls: Walls, threshold: float, *, factors: Mapping[int, float] | None = None) -> Extractor:
+def near_by_parallax(
+    walls: Walls, threshold: float, *, texel: float, factors: Mapping[int, float] | None = None
+) -> Extractor:
     """Near is what may show more than ``threshold`` radians of itself that a picture from the reference viewpoint misses.
 
-    ``walls`` are those of the selection's city; ``factors`` (object -> factor) raise what landmarks miss.
+    ``walls`` are those of the selection's city, ``texel`` is the angle of a texel in radians
+    (:func:`mmi.ray_parallax.self_parallax`); ``factors`` (object -> factor) raise what landmarks miss.
     """
 
     def extract(selection: Selection) -> Selection:
         objects = selection.objects
-        missed = self_parallax(selection.city, selection.cell, walls, objects, selection.sight)
+        missed = self_parallax(selection.city, selection.cell, walls, objects, selection.sight, texel=texel)
         raised = np.array([(factors or {}).get(int(i), 1.0) for i in objects])
         return _with_near(selection, objects[missed * raised > threshold])
 

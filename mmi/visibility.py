@@ -83,6 +83,7 @@ class HorizonScene:
     prisms: shapely.STRtree
     prism_objects: NDArray[np.int64]
     solid: NDArray[np.bool_]
+    covered: NDArray[np.float64]
 
 
 def prepare_horizon(city: City, *, shrink: float = 1.5, columns: int = 2048, levels: int = 12) -> HorizonScene:
@@ -115,7 +116,30 @@ def prepare_horizon(city: City, *, shrink: float = 1.5, columns: int = 2048, lev
         prisms=shapely.STRtree(footprints),
         prism_objects=objects,
         solid=solid,
+        covered=_covered(occludees, np.where(solid, tops, -np.inf)),
     )
+
+
+def _covered(rings: Rings, heights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(e,) for each edge of prisms' ``rings``, the height of the solid prism (p,) that has the same edge the other way round.
+
+    To the centimetre; -inf where none has. What touches with a part of a longer edge is not looked at.
+    """
+    after = np.arange(1, len(rings.xy) + 1)
+    after[rings.starts[1:] - 1] = rings.starts[:-1]
+    _, names = np.unique(np.rint(100.0 * rings.xy).astype(np.int64), axis=0, return_inverse=True)
+    names = names.reshape(-1).astype(np.int64)
+    owners = np.repeat(rings.owners, np.diff(rings.starts))
+    count = len(names) + 1
+    order = np.argsort(names * count + names[after], kind="stable")
+    keys = (names * count + names[after])[order]
+    wanted = names[after] * count + names
+    covered = np.full(len(names), -np.inf)
+    first, last = np.searchsorted(keys, wanted, side="left"), np.searchsorted(keys, wanted, side="right")
+    while (more := first < last).any():  # mostly one, at most
+        covered[more] = np.maximum(covered[more], heights[owners[order[first[more]]]])
+        first = first + more
+    return covered
 
 
 def _levels(tops: NDArray[np.float64], count: int) -> NDArray[np.float64]:
@@ -225,7 +249,7 @@ def horizon_visible(scene: HorizonScene, cell: ViewingCell) -> tuple[NDArray[np.
         columns=scene.columns,
         reach=scene.shrink,
     )
-    return np.flatnonzero(seen), Sight(lowest, bits, min(len(viewpoints), BINS))
+    return np.flatnonzero(seen), Sight(np.maximum(lowest, scene.covered), bits, min(len(viewpoints), BINS))
 
 
 def _meeting(prisms: shapely.STRtree, region: Polygon) -> NDArray[np.int64]:

@@ -1,0 +1,78 @@
+"""How far a mesh draws captured texels from where they are, as seen from anywhere in a cell."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mmi.impostor import DepthTexture, GridMesh
+
+__all__ = ["chord", "displacement"]
+
+
+def displacement(texture: DepthTexture, mesh: GridMesh, viewpoints: NDArray[np.float64]) -> float:
+    """Radians: how far the mesh draws a captured texel from where it is, at most, seen from ``viewpoints`` (k, 3)."""
+    left, top, width, height = texture.view.window
+    offsets = viewpoints @ texture.view.eye_from_world[:3, :3].T + texture.view.eye_from_world[:3, 3]
+    depth = texture.view.project(mesh.vertices.astype(np.float64))[:, 2]
+    lattice = mesh.uv.astype(np.float64) * np.array([width, height])
+    inverse = np.where(texture.coverage, 1.0 / texture.depth.astype(np.float64), 0.0)
+    frame = (float(left), float(top), texture.view.focal)
+    chord = _displacement(inverse, frame, offsets, lattice, 1.0 / depth, mesh.triangles)
+    return float(2.0 * np.arcsin(min(0.5 * chord, 1.0)))
+
+
+@njit(cache=True, error_model="numpy")
+def chord(
+    x: float, y: float, captured: float, drawn: float, frame: tuple[float, float, float], offsets: NDArray[np.float64]
+) -> float:
+    """Distance between the directions to where a texel was captured and where it is drawn (both 1/z), from any of ``offsets``.
+
+    (x, y) counts in texels from the window's corner; ``offsets`` (k, 3) are viewpoints in the capture's eye space.
+    """
+    ux, uy = (frame[0] + x) / frame[2], -(frame[1] + y) / frame[2]
+    most = 0.0
+    z1, z2 = 1.0 / captured, 1.0 / drawn
+    for k in range(len(offsets)):
+        x1, y1, w1 = ux * z1 - offsets[k, 0], uy * z1 - offsets[k, 1], -z1 - offsets[k, 2]
+        x2, y2, w2 = ux * z2 - offsets[k, 0], uy * z2 - offsets[k, 1], -z2 - offsets[k, 2]
+        n1, n2 = (x1 * x1 + y1 * y1 + w1 * w1) ** -0.5, (x2 * x2 + y2 * y2 + w2 * w2) ** -0.5
+        dx, dy, dw = x1 * n1 - x2 * n2, y1 * n1 - y2 * n2, w1 * n1 - w2 * n2
+        most = max(most, dx * dx + dy * dy + dw * dw)
+    return most**0.5
+
+
+@njit(cache=True, error_model="numpy")
+def _displacement(
+    inverse: NDArray[np.float64],
+    frame: tuple[float, float, float],
+    offsets: NDArray[np.float64],
+    lattice: NDArray[np.float64],
+    values: NDArray[np.float64],
+    triangles: NDArray[np.int32],
+) -> float:
+    """The largest chord (see :func:`chord`) over all captured texels, each drawn by the triangle that its centre lies in."""
+    height, width = inverse.shape
+    most = 0.0
+    for k in range(len(triangles)):
+        (ax, ay), (bx, by), (cx, cy) = lattice[triangles[k, 0]], lattice[triangles[k, 1]], lattice[triangles[k, 2]]
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area == 0.0:
+            continue
+        left, right = max(int(min(ax, bx, cx)), 0), min(int(np.ceil(max(ax, bx, cx))), width)
+        top, bottom = max(int(min(ay, by, cy)), 0), min(int(np.ceil(max(ay, by, cy))), height)
+        for j in range(top, bottom):
+            for i in range(left, right):
+                if inverse[j, i] == 0.0:
+                    continue
+                x, y = i + 0.5, j + 0.5
+                s = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
+                t = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
+                if s < -1e-9 or t < -1e-9 or s + t > 1.0 + 1e-9:
+                    continue
+                a, b, c = values[triangles[k, 0]], values[triangles[k, 1]], values[triangles[k, 2]]
+                drawn = a + s * (b - a) + t * (c - a)
+                if abs(drawn - inverse[j, i]) > 1e-9 * drawn:
+                    most = max(most, chord(x, y, inverse[j, i], drawn, frame, offsets))
+    return most
