@@ -20,10 +20,14 @@ __all__ = ["without_unseen"]
 
 _ON_WALL = 0.05
 """Metres that a captured point may lie off its wall, and a thousandth of its distance more: depth is no better than that."""
+_ABOVE = 1.0
+"""Metres above the reference viewpoint that an eye band does not reach: roofs up there are out of sight."""
 
 
 def without_unseen(texture: DepthTexture, walls: Walls, sight: Sight) -> DepthTexture:
     """``texture`` without the texels of walls that lie a texel or more below what ``sight`` says may be seen of them.
+
+    Of a wall that is hidden in whole nothing is left, unless it is so low that its top may be a roof's edge in sight.
 
     A point near several walls of its object goes by the one that is visible lowest; one that is on none (a roof, an
     underside) stays.
@@ -41,7 +45,7 @@ def without_unseen(texture: DepthTexture, walls: Walls, sight: Sight) -> DepthTe
         walls.a,
         walls.b,
         walls.first,
-        sight.lowest,
+        np.where((sight.lowest < walls.top) | (walls.top < view.eye[2] + _ABOVE), sight.lowest, np.inf),
     )
     depth, ids = texture.depth.copy(), texture.object_ids.copy()
     depth[hidden], ids[hidden] = np.inf, -1
