@@ -47,6 +47,8 @@ _TOUCHING = 1e-6
 """Metres: an object this close to the cell's region counts as meeting it."""
 _APART = 1e-6
 """Relative difference of distances below which two hits of a ray are one."""
+_ROW = 40.0
+"""Metres of a row of houses that the reference may see edge-on."""
 _WITHIN = (0.25, 0.5, 0.75)
 """Where along a wall rays pass through it, besides its ends."""
 
@@ -282,34 +284,45 @@ def _along_wall(
 ) -> float:
     """Largest square of the chord between two points of a wall, ``height`` above the reference, that fall into one texel.
 
-    At both ends, and in the middle. A wall that the reference sees edge-on is one texel wide in whole.
+    At both ends, and in the middle. A wall that is less than a texel wide counts as one of a row of houses: with as much of
+    its line on both sides as falls into the texel, up to ``_ROW`` metres in all.
     """
-    turn = math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])
     ex, ey = b[0] - a[0], b[1] - a[1]
+    length = math.hypot(ex, ey)
+    turn = math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])
+    pieces = np.empty((3, 2))
+    count = 1
+    if abs(turn) > texel:
+        step = math.copysign(texel, turn)
+        count = 3
+        for place in range(3):
+            start = (0.0, 0.5 * (turn - step), turn - step)[place]
+            for k in range(2):
+                angle = start + k * step
+                ux = a[0] * math.cos(angle) - a[1] * math.sin(angle)
+                uy = a[0] * math.sin(angle) + a[1] * math.cos(angle)
+                pieces[place, k] = (a[1] * ux - a[0] * uy) / (ex * uy - ey * ux)
+    else:
+        half = 0.5 * max(_ROW / length, 1.0)
+        while half > 0.5:
+            x1, y1 = a[0] + (0.5 - half) * ex, a[1] + (0.5 - half) * ey
+            x2, y2 = a[0] + (0.5 + half) * ex, a[1] + (0.5 + half) * ey
+            if abs(math.atan2(x1 * y2 - y1 * x2, x1 * x2 + y1 * y2)) <= texel:
+                break
+            half = max(0.8 * half, 0.5)
+        pieces[0, 0], pieces[0, 1] = 0.5 - half, 0.5 + half
     most = 0.0
-    for place in range(3):
-        start = 0.0
-        if abs(turn) > texel:
-            start = (0.0, 0.5 * (turn - math.copysign(texel, turn)), turn - math.copysign(texel, turn))[place]
-        ends = np.empty(2)
-        for k in range(2):
-            angle = start if k == 0 else (start + math.copysign(texel, turn) if abs(turn) > texel else turn)
-            ux = a[0] * math.cos(angle) - a[1] * math.sin(angle)
-            uy = a[0] * math.sin(angle) + a[1] * math.cos(angle)
-            cross = ex * uy - ey * ux
-            ends[k] = (a[1] * ux - a[0] * uy) / cross if cross != 0.0 else float(k)
-        if abs(turn) <= texel:
-            ends[0], ends[1] = 0.0, 1.0
+    for place in range(count):
         for k in range(len(whence)):
             if whence[k]:
-                x1, y1 = a[0] + ends[0] * ex - viewpoints[k, 0], a[1] + ends[0] * ey - viewpoints[k, 1]
-                x2, y2 = a[0] + ends[1] * ex - viewpoints[k, 0], a[1] + ends[1] * ey - viewpoints[k, 1]
+                x1 = a[0] + pieces[place, 0] * ex - viewpoints[k, 0]
+                y1 = a[1] + pieces[place, 0] * ey - viewpoints[k, 1]
+                x2 = a[0] + pieces[place, 1] * ex - viewpoints[k, 0]
+                y2 = a[1] + pieces[place, 1] * ey - viewpoints[k, 1]
                 n1 = 1.0 / math.sqrt(x1 * x1 + y1 * y1 + height * height)
                 n2 = 1.0 / math.sqrt(x2 * x2 + y2 * y2 + height * height)
                 dx, dy, dz = x1 * n1 - x2 * n2, y1 * n1 - y2 * n2, height * (n1 - n2)
                 most = max(most, dx * dx + dy * dy + dz * dz)
-        if abs(turn) <= texel:
-            break
     return most
 
 

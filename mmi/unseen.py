@@ -45,7 +45,11 @@ def without_unseen(texture: DepthTexture, walls: Walls, sight: Sight) -> DepthTe
         walls.a,
         walls.b,
         walls.first,
-        np.where((sight.lowest < walls.top) | (walls.top < view.eye[2] + _ABOVE), sight.lowest, np.inf),
+        np.where(
+            walls.top < view.eye[2] + _ABOVE,
+            np.minimum(sight.lowest, walls.top),
+            np.where(sight.lowest < walls.top, sight.lowest, np.inf),
+        ),
     )
     depth, ids = texture.depth.copy(), texture.object_ids.copy()
     depth[hidden], ids[hidden] = np.inf, -1

@@ -58,19 +58,20 @@ class Triangles:
 class CellBuffers:
     """A cell's layers on the GPU: their atlas and vertices; of each layer that is there its triangles, as indices into all.
 
-    ``sets`` are the triangles of layers that were drawn together.
+    ``sets`` are the triangles of layers that were drawn together: plain ones, and those that need captured depths.
     """
 
     eye: NDArray[np.float64]
     textures: tuple[Any, ...]
     vertices: Any
     first_vertex: Mapping[str, int]
-    triangles: dict[str, NDArray[np.int32]]
-    sets: dict[tuple[str, ...], Triangles]
+    triangles: dict[str, tuple[NDArray[np.int32], NDArray[np.int32]]]
+    sets: dict[tuple[str, ...], tuple[Triangles, Triangles]]
 
     def release(self) -> None:
         """Free it."""
-        for some in self.sets.values():
-            some.release()
+        for pair in self.sets.values():
+            for some in pair:
+                some.release()
         for thing in (*self.textures, self.vertices):
             thing.release()

@@ -1,8 +1,8 @@
 """Draws plans, with moderngl: the only module of the viewer that touches OpenGL (DESIGN section 5).
 
 Headless through EGL, in software (Mesa) or on a GPU. The city's geometry is one vertex buffer; a set of objects is an index
-buffer, one draw. All layers of a cell that a view may show are another, their texture projected from where it was captured.
-A measured frame also yields, per pixel, the
+buffer, one draw. All layers of a cell that a view may show are two draws: triangles as they are, and those that need captured
+depths (``viewer.ordering``), their texture projected from where it was captured. A measured frame also yields, per pixel, the
 object, its depth, and by what angle an impostor's surface is displaced from the one that was captured (DESIGN section 6).
 """
 
@@ -228,7 +228,8 @@ class Renderer:
         cell = self._cells[draw.cell]
         if draw.names not in cell.sets:
             if len(cell.sets) >= _MOST_VIEWS:
-                cell.sets.pop(next(iter(cell.sets))).release()
+                for some in cell.sets.pop(next(iter(cell.sets))):
+                    some.release()
             cell.sets[draw.names] = self._layer_set(cell, draw.names)
         for unit, texture in enumerate(cell.textures):
             texture.use(unit)
@@ -236,23 +237,31 @@ class Renderer:
         if smooth:
             self._context.enable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
         values = {"captured_from": cell.eye.astype("f4").tobytes(), "viewer": (eye - cell.eye).astype("f4").tobytes()}
-        some = cell.sets[draw.names]
-        self._programs["layer", measured].set(values)
-        some.arrays[measured].render()
+        counts = []
+        for kind, some in zip(("layer", "captured"), cell.sets[draw.names], strict=True):
+            if some.count:
+                self._programs[kind, measured].set(values)
+                some.arrays[measured].render()
+                counts.append(some.count)
         if smooth:
             self._context.disable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
-        return [some.count]
+        return counts
 
-    def _layer_set(self, cell: CellBuffers, names: tuple[str, ...]) -> Triangles:
+    def _layer_set(self, cell: CellBuffers, names: tuple[str, ...]) -> tuple[Triangles, Triangles]:
         """Triangles of some layers of a cell, in this order. Raises KeyError where one is not there."""
-        triangles = np.concatenate([cell.triangles[name] for name in names])
-        indices = self._context.buffer(np.ascontiguousarray(triangles, dtype="<i4").tobytes())
+        parts = [cell.triangles[name] for name in names]
         layout = [(cell.vertices, "3f 3f", "position", "texture_from_capture")]
-        arrays = {
-            mode: self._context.vertex_array(self._programs["layer", mode].program, layout, indices)
-            for mode in self._modes
-        }
-        return Triangles(len(triangles), arrays, indices)
+        sets = []
+        for k, kind in enumerate(("layer", "captured")):
+            triangles = np.concatenate([np.empty((0, 3), dtype=np.int32), *(part[k] for part in parts)])
+            indices = self._context.buffer(np.ascontiguousarray(triangles, dtype="<i4").tobytes() or b"none")
+            arrays = {
+                mode: self._context.vertex_array(self._programs[kind, mode].program, layout, indices)
+                for mode in self._modes
+                if len(triangles)
+            }
+            sets.append(Triangles(len(triangles), arrays, indices))
+        return sets[0], sets[1]
 
     def _color(self, measured: bool) -> NDArray[np.uint8]:
         target = self._targets[measured]
@@ -345,9 +354,9 @@ class Renderer:
             raise CaptureError(
                 f"OpenGL here has textures of at most {limit} texels a side, and a cell needs {cell.size}"
             )
-        kinds = [(4, "f1", moderngl.LINEAR)]
+        kinds = [(4, "f1", moderngl.LINEAR), (1, "f4", moderngl.NEAREST)]
         if self.measured:
-            kinds += [(1, "f4", moderngl.NEAREST), (1, "i4", moderngl.NEAREST)]
+            kinds.append((1, "i4", moderngl.NEAREST))
         textures = []
         for components, dtype, smoothing in kinds:
             texture = self._context.texture(cell.size, components, dtype=dtype, alignment=1)
@@ -361,17 +370,15 @@ class Renderer:
 
     def _fill(self, cell: CellBuffers, layer: LoadedLayer) -> None:
         """Put a layer where there is room for it."""
-        values_of: list[NDArray[Any]] = [layer.pixels]
-        if self.measured:
-            if layer.measured is None:
-                raise ValueError(f"layer {layer.name}: depth and object ids expected for measuring, found none")
-            values_of += layer.measured
-        height, width = layer.pixels.shape[:2]
-        for texture, values in zip(cell.textures, values_of, strict=True):
+        if self.measured and layer.object_ids is None:
+            raise ValueError(f"layer {layer.name}: object ids expected for measuring, found none")
+        height, width = layer.depth.shape
+        for texture, values in zip(cell.textures, (layer.pixels, layer.depth, layer.object_ids), strict=False):
             texture.write(np.ascontiguousarray(values).tobytes(), viewport=(*layer.corner, width, height), alignment=1)
         first = cell.first_vertex[layer.name]
         cell.vertices.write(layer.vertices.astype("<f4").tobytes(), offset=first * _LAYER_VERTEX_BYTES)
-        cell.triangles[layer.name] = layer.triangles + np.int32(first)
+        triangles = layer.triangles + np.int32(first)
+        cell.triangles[layer.name] = triangles[: layer.plain], triangles[layer.plain :]
 
 
 def _finish_without_lock() -> Callable[[], object] | None:

@@ -1,4 +1,11 @@
-"""A cell's layers in memory, ready for the GPU: pictures and meshes, and for measuring what the pictures were captured as."""
+"""A cell's layers in memory, ready for the GPU: pictures, meshes, and the depths that keep layers in order.
+
+A mesh lies off the captured surfaces where its quads span two of them: there it could win or lose against another layer, or
+the ground, that it should not. So triangles are divided in two: *plain* ones are drawn as they are, since between them and
+what was captured there is nothing; the others are drawn with the captured depth of each texel, the "limited depth
+information" that the paper stores with its textures (section 5.5). The z-buffer then composes the captured surfaces
+themselves, and not their approximations.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +19,7 @@ from numpy.typing import NDArray
 from mmi.cellfiles import read_depths, read_pictures
 from mmi.impostor import LayerPicture
 from viewer.atlas import BORDER, bordered, shelves
+from viewer.ordering import CapturedLayer, out_of_order
 from viewer.scene import Scene
 from viewer.technique import CellKey
 
@@ -22,18 +30,21 @@ __all__ = ["LoadedCell", "LoadedLayer", "load_cell"]
 class LoadedLayer:
     """A layer as it goes to the GPU: into the cell's atlas at ``corner`` (x, y), with the atlas' border around it.
 
-    ``pixels`` (h, w, 4) uint8 sRGB, alpha is coverage; ``measured``: depth (h, w) float32 eye-space metres in the capture, also
-    one texel beyond the silhouette (filtering reaches that far), ``inf`` farther out, and object ids (h, w) int32; or None.
+    ``pixels`` (h, w, 4) uint8 sRGB, alpha is coverage; ``depth`` (h, w) float32 eye-space metres in the capture, also one
+    texel beyond the silhouette (filtering reaches that far), ``inf`` farther out; ``object_ids`` (h, w) int32 or None.
     ``vertices`` (n, 6) float32: world metres, and texture coordinates in the atlas times depth in the capture, and that
-    depth: linear in space, and so projective texturing. ``triangles`` (m, 3) int32.
+    depth: linear in space, and so projective texturing. ``triangles`` (m, 3) int32, the first ``plain`` of which are drawn as
+    they are.
     """
 
     name: str
     corner: tuple[int, int]
     pixels: NDArray[np.uint8]
-    measured: tuple[NDArray[np.float32], NDArray[np.int32]] | None
+    depth: NDArray[np.float32]
+    object_ids: NDArray[np.int32] | None
     vertices: NDArray[np.float32]
     triangles: NDArray[np.int32]
+    plain: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,13 +59,13 @@ class LoadedCell:
     @property
     def bytes(self) -> int:
         """What it takes in memory, here and on the GPU alike."""
-        measured = any(layer.measured is not None for layer in self.layers)
+        measured = any(layer.object_ids is not None for layer in self.layers)
         meshes = sum(layer.vertices.nbytes + layer.triangles.nbytes for layer in self.layers)
-        return self.size[0] * self.size[1] * (12 if measured else 4) + meshes
+        return self.size[0] * self.size[1] * (12 if measured else 8) + meshes
 
 
 def load_cell(scene: Scene, cell: str, *, measured: bool = False, rest: Callable[[], None] | None = None) -> LoadedCell:
-    """Read a cell's files; with ``measured`` depth and object ids too, as indices into the city's objects.
+    """Read a cell's files; with ``measured`` object ids too, as indices into the city's objects.
 
     Spends its time where other threads can run, and calls ``rest`` now and then, so that it can leave them the processor.
     Raises DatasetError where a file is missing or damaged.
@@ -63,25 +74,30 @@ def load_cell(scene: Scene, cell: str, *, measured: bool = False, rest: Callable
     entry = scene.dataset.cell(cell)
     pictures = read_pictures(scene.dataset, cell)
     rest()
-    depths = read_depths(scene.dataset, cell) if measured else {}
-    objects = np.array([-1, *(scene.objects[one] for one in entry["far"])], dtype=np.int32)
+    depths = read_depths(scene.dataset, cell)
     rest()
+    objects = np.array([-1, *(scene.objects[one] for one in entry["far"])], dtype=np.int32) if measured else None
+    harmed = out_of_order(
+        [CapturedLayer(one.index, one.view, one.mesh, depths[one.name][0]) for one in pictures],
+        max_angle=scene.parameters.max_angle,
+        eye_height=max(entry["reference"][2] - scene.ground_height, 0.0),
+        rest=rest,
+    )
     sizes = [(one.view.window[2] + 2 * BORDER, one.view.window[3] + 2 * BORDER) for one in pictures]
     corners, size = shelves(sizes)
     layers = []
-    for picture, corner in zip(pictures, corners, strict=True):
-        captured = None
-        if measured:
-            depth, places = depths[picture.name]
-            captured = bordered(_one_texel_beyond(depth)), bordered(objects[places])
+    for picture, flags, corner in zip(pictures, harmed, corners, strict=True):
+        depth, places = depths[picture.name]
         layers.append(
             LoadedLayer(
                 name=picture.name,
                 corner=corner,
                 pixels=bordered(picture.pixels),
-                measured=captured,
+                depth=bordered(_one_texel_beyond(depth)),
+                object_ids=None if objects is None else bordered(objects[places]),
                 vertices=_vertices(picture, corner, size),
-                triangles=np.ascontiguousarray(picture.mesh.triangles),
+                triangles=np.ascontiguousarray(picture.mesh.triangles[np.argsort(flags, kind="stable")]),
+                plain=int(np.count_nonzero(~flags)),
             )
         )
         rest()

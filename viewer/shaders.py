@@ -1,8 +1,9 @@
 """The shaders that ``viewer.gl`` draws with, as GLSL 3.30 text: one pair for each kind of draw.
 
 ``MEASURED`` programs also put out, per pixel, the object, its depth along the axis, and by what angle an impostor's surface
-is displaced (-1 where geometry, ground or sky shows). ``COVERAGE`` is for multisampling: silhouettes of layers become
-coverage of samples.
+is displaced (-1 where geometry, ground or sky shows). ``CAPTURED_DEPTH`` is for triangles of layers that need it
+(``viewer.ordering``): each fragment takes the depth of the surface point that its texel captured, as this view sees it.
+``COVERAGE`` is for multisampling: silhouettes of layers become coverage of samples.
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ from collections.abc import Sequence
 
 __all__ = ["KINDS", "program_source"]
 
-KINDS = ("geometry", "layer", "sky", "fade")
-"""What there are programs for."""
+KINDS = ("geometry", "layer", "captured", "sky", "fade")
+"""What there are programs for; ``captured`` is ``layer`` with ``CAPTURED_DEPTH``."""
 
 _COMMON = """
 uniform mat3 eye_from_world;
@@ -55,14 +56,14 @@ in vec3 position;
 in vec3 texture_from_capture;  // texture coordinates times depth in the capture, and that: linear in space, so projective
 uniform vec3 captured_from;
 out vec3 at;
-#ifdef MEASURED
+#if defined(MEASURED) || defined(CAPTURED_DEPTH)
 out vec3 world;                // relative to the capture's eye
 out float depth;
 #endif
 void main() {
     vec3 p = eye_from_world * (position - eye);
     at = texture_from_capture;
-#ifdef MEASURED
+#if defined(MEASURED) || defined(CAPTURED_DEPTH)
     world = position - captured_from; depth = -p.z;
 #endif
     gl_Position = project(p);
@@ -71,10 +72,12 @@ void main() {
 _LAYER_FRAGMENT = """
 uniform sampler2D picture;
 in vec3 at;
-#ifdef MEASURED
+#if defined(MEASURED) || defined(CAPTURED_DEPTH)
 in vec3 world; in float depth;
 uniform sampler2D depths;
 uniform vec3 viewer;           // relative to the capture's eye
+#endif
+#ifdef MEASURED
 uniform isampler2D ids;
 #endif
 void main() {
@@ -88,12 +91,21 @@ void main() {
     if (color.a < 0.5) discard;
     color_out = vec4(color.rgb, 1.0);
 #endif
-#ifdef MEASURED
+#if defined(MEASURED) || defined(CAPTURED_DEPTH)
     ivec2 size = textureSize(depths, 0);
     ivec2 nearest = clamp(ivec2(floor(uv * vec2(size))), ivec2(0), size - 1);
     float captured_depth = texelFetch(depths, nearest, 0).r;
     if (isinf(captured_depth)) captured_depth = at.z;
     vec3 captured = world * (captured_depth / max(at.z, 1e-6));
+    float shown_depth = depth;
+#endif
+#ifdef CAPTURED_DEPTH
+    vec3 seen = eye_from_world * (captured - viewer);
+    shown_depth = max(-seen.z, clip.x);
+    vec4 place = project(vec3(seen.xy, -shown_depth));
+    gl_FragDepth = 0.5 * place.z / place.w + 0.5;
+#endif
+#ifdef MEASURED
     int id = texelFetch(ids, nearest, 0).r;
     for (int k = 0; k < 9 && id < 0; ++k) {  // the filter reaches half a texel beyond the silhouette
         ivec2 other = clamp(nearest + ivec2(k % 3, k / 3) - 1, ivec2(0), size - 1);
@@ -101,7 +113,7 @@ void main() {
     }
     id_out = id;
     vec3 a = normalize(world - viewer), b = normalize(captured - viewer);
-    surface_out = vec2(depth, id < 0 ? -1.0 : atan(length(cross(a, b)), dot(a, b)));
+    surface_out = vec2(shown_depth, id < 0 ? -1.0 : atan(length(cross(a, b)), dot(a, b)));
 #endif
 }
 """
@@ -134,6 +146,7 @@ void main() { color_out = vec4(texture(picture, 0.5 * at + 0.5).rgb, share); }
 _PAIRS = (
     ("geometry", _GEOMETRY_VERTEX, _GEOMETRY_FRAGMENT),
     ("layer", _LAYER_VERTEX, _LAYER_FRAGMENT),
+    ("captured", _LAYER_VERTEX, _LAYER_FRAGMENT),
     ("sky", _SCREEN_VERTEX, _SKY_FRAGMENT),
     ("fade", _SCREEN_VERTEX, _FADE_FRAGMENT),
 )
@@ -142,5 +155,6 @@ _PAIRS = (
 def program_source(kind: str, *, flags: Sequence[str] = ()) -> tuple[str, str]:
     """Vertex and fragment shader of a kind of draw, with these ``flags`` defined. Raises KeyError for an unknown kind."""
     vertex, fragment = {name: (vertex, fragment) for name, vertex, fragment in _PAIRS}[kind]
-    head = "\n".join(["#version 330", *(f"#define {flag}" for flag in flags)]) + _COMMON
+    defined = (*flags, "CAPTURED_DEPTH") if kind == "captured" else flags
+    head = "\n".join(["#version 330", *(f"#define {flag}" for flag in defined)]) + _COMMON
     return head + vertex, head + _OUTPUTS + fragment

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -162,7 +163,9 @@ def test_layers_come_and_go(scene, place):
         chosen = [by_name[name] for name in place.layers[:3]]
         frame = other.draw(plan, view)
         assert frame.triangles == sum(len(layer.triangles) for layer in chosen)
-        assert frame.draws == 1
+        assert frame.draws == any(layer.plain for layer in chosen) + any(
+            layer.plain < len(layer.triangles) for layer in chosen
+        )
         other.evict(cell)
         other.evict(cell)
         with pytest.raises(KeyError):
@@ -225,3 +228,21 @@ def test_measuring_needs_ids_of_layers(scene):
         pytest.raises(ValueError, match="object ids expected"),
     ):
         other.upload(loaded)
+
+
+def test_captured_depth_decides_between_layers(scene, place, renderer):
+    """A mesh pushed off its surface by a tenth still loses and wins as the captured surface does."""
+    loaded = load_cell(scene, CELL, measured=True)
+    eye = place.cell.reference
+    key = CellKey("pushed", CELL)
+    view = look(place, 0.0)
+    pushed_cell = replace(loaded, key=key)
+    for layer in loaded.layers:
+        positions, coordinates = layer.vertices[:, :3], layer.vertices[:, 3:]
+        vertices = np.hstack([eye + 1.1 * (positions - eye), 1.1 * coordinates]).astype(np.float32)
+        renderer.upload_layer(pushed_cell, replace(layer, vertices=vertices, plain=0))
+    pushed = Plan((Objects("near", place.near), CellLayers(key, place.layers), every_tile(scene), Sky()))
+    frames = [renderer.draw(plan, view, measured=True) for plan in (layered(scene, place), pushed)]
+    assert np.mean(frames[0].object_ids != frames[1].object_ids) < 1e-3
+    both = np.isfinite(frames[0].depth) & (frames[0].object_ids == frames[1].object_ids)
+    np.testing.assert_allclose(frames[0].depth[both], frames[1].depth[both], rtol=2e-3)

@@ -17,10 +17,9 @@ def test_a_loaded_cell_is_what_was_captured(scene, dataset):
     for layer, described in zip(loaded.layers, [one for some in entry["layers"] for one in some], strict=True):
         inner = np.s_[BORDER:-BORDER, BORDER:-BORDER]
         covered = layer.pixels[inner][..., 3] == 255
-        depth, ids = layer.measured
-        depth = depth[inner]
-        assert np.array_equal(ids[inner] >= 0, covered)
-        assert set(np.unique(ids)) - {-1} <= far
+        depth = layer.depth[inner]
+        assert np.array_equal(layer.object_ids[inner] >= 0, covered)
+        assert set(np.unique(layer.object_ids)) - {-1} <= far
         assert np.isfinite(depth[covered]).all()
         assert len(layer.triangles) == described["triangles"]
         beyond = np.isfinite(depth) & ~covered
@@ -35,9 +34,9 @@ def test_a_loaded_cell_is_what_was_captured(scene, dataset):
         at = layer.vertices[:, 3:5] / layer.vertices[:, 5:] * loaded.size
         np.testing.assert_allclose(at[:, 0], u - described["window"][0] + layer.corner[0] + BORDER, atol=0.01)
         np.testing.assert_allclose(at[:, 1], v - described["window"][1] + layer.corner[1] + BORDER, atol=0.01)
-    assert loaded.bytes > sum(layer.pixels.nbytes + layer.measured[0].nbytes for layer in loaded.layers)
+    assert loaded.bytes > sum(layer.pixels.nbytes + layer.depth.nbytes for layer in loaded.layers)
     plain = load_cell(scene, "0001-01")
-    assert all(layer.measured is None for layer in plain.layers)
+    assert all(layer.object_ids is None for layer in plain.layers)
     assert plain.bytes < loaded.bytes
 
 
@@ -55,8 +54,8 @@ def test_damaged_files_are_refused(tmp_path, dataset):
         for damage in (whole[: len(whole) // 2], whole[:-1] + bytes([whole[-1] ^ 1]), b""):
             file.write_bytes(damage)
             with pytest.raises(DatasetError, match=f"0001-01.{suffix}"):
-                load_cell(broken, "0001-01", measured=True)
+                load_cell(broken, "0001-01")
         file.unlink()
         with pytest.raises(DatasetError, match=f"0001-01.{suffix}"):
-            load_cell(broken, "0001-01", measured=True)
+            load_cell(broken, "0001-01")
         file.write_bytes(whole)
