@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mmi.cellfiles import read_depths, read_pictures
 from mmi.impostor import LayerPicture
+from mmi.surfaces import triangles_of
 from viewer.atlas import BORDER, bordered, shelves
 from viewer.ordering import CapturedLayer, out_of_order
 from viewer.scene import Scene
@@ -77,10 +78,12 @@ def load_cell(scene: Scene, cell: str, *, measured: bool = False, rest: Callable
     depths = read_depths(scene.dataset, cell)
     rest()
     objects = np.array([-1, *(scene.objects[one] for one in entry["far"])], dtype=np.int32) if measured else None
+    near = [scene.objects[one] for one in entry["near"]]
     harmed = out_of_order(
         [CapturedLayer(one.index, one.view, one.mesh, depths[one.name][0]) for one in pictures],
         max_angle=scene.parameters.max_angle,
         eye_height=max(entry["reference"][2] - scene.ground_height, 0.0),
+        solids=scene.mesh.positions[triangles_of(scene.mesh, near)] - np.array(entry["reference"]),
         rest=rest,
     )
     sizes = [(one.view.window[2] + 2 * BORDER, one.view.window[3] + 2 * BORDER) for one in pictures]

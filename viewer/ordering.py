@@ -4,7 +4,7 @@ A mesh lies off the captured surface where one of its quads spans two objects. T
 are right, and a displacement of the surface within its layer is what the layering bounds. It does harm where something else
 is in between: the z-buffer then lets the wrong one win. This module finds those triangles, from the reference viewpoint:
 between a texel's captured depth and its mesh lies the ground, or, within the largest displacement around it, a surface of
-another layer. (Near objects are not looked at: they are drawn as geometry, and hardly ever stand behind far ones.)
+another layer, or of an object that is drawn as geometry (a drum around a tower: one may be a layer, the other near).
 
 Surfaces are compared in a coarse panorama around the reference viewpoint: bins of azimuth and slope, each with the range of
 horizontal distances that a layer covers there.
@@ -50,12 +50,13 @@ def out_of_order(
     *,
     max_angle: float,
     eye_height: float,
+    solids: NDArray[np.float64] | None = None,
     rest: Callable[[], None] = lambda: None,
 ) -> list[NDArray[np.bool_]]:
     """For each picture, (m,) whether its triangles need captured depths. All are level views from one eye.
 
     ``max_angle`` radians is the largest displacement between layers, ``eye_height`` metres that of the eye above the ground.
-    ``rest`` is called between pictures.
+    ``solids`` (t, 3, 3) are the triangles of near objects, metres from the eye. ``rest`` is called between pictures.
     """
     if not pictures:
         return []
@@ -65,8 +66,11 @@ def out_of_order(
     low = min(float(slope.min()) for _, _, slope in rays)
     rows = int((max(float(slope.max()) for _, _, slope in rays) - low) / step) + 1
     names = sorted({one.layer for one in pictures})
-    near = np.full((len(names), rows, count), np.inf, dtype=np.float32)
-    far = np.zeros((len(names), rows, count), dtype=np.float32)
+    # The last is for what is drawn as geometry.
+    near = np.full((len(names) + 1, rows, count), np.inf, dtype=np.float32)
+    far = np.zeros((len(names) + 1, rows, count), dtype=np.float32)
+    if solids is not None:
+        _cover_with(solids, low, step, near[-1], far[-1])
     bins = [
         ((azimuth / step).astype(np.int64) % count, stretch, ((slope - low) / step).astype(np.int64))
         for azimuth, stretch, slope in rays
@@ -114,6 +118,38 @@ def _cover(
                 r, c = row[i, j], column[j]
                 near[r, c] = min(near[r, c], distance)
                 far[r, c] = max(far[r, c], distance)
+
+
+@njit(cache=True, nogil=True)
+def _cover_with(
+    solids: NDArray[np.float64], low: float, step: float, near: NDArray[np.float32], far: NDArray[np.float32]
+) -> None:
+    """The same for triangles: each widens all bins that its ranges of azimuth and slope touch by its range of distances."""
+    rows, columns = near.shape
+    for t in range(len(solids)):
+        least, most = np.inf, 0.0
+        start = stop = turn = 0.0
+        first = np.arctan2(solids[t, 0, 1], solids[t, 0, 0])
+        for k in range(3):
+            x, y = solids[t, k, 0], solids[t, k, 1]
+            nx, ny = solids[t, (k + 1) % 3, 0], solids[t, (k + 1) % 3, 1]
+            most = max(most, np.hypot(x, y))
+            square = (nx - x) ** 2 + (ny - y) ** 2
+            at = min(max(-(x * (nx - x) + y * (ny - y)) / square, 0.0), 1.0) if square > 0.0 else 0.0
+            least = min(least, np.hypot(x + at * (nx - x), y + at * (ny - y)))
+            start, stop = min(start, turn), max(stop, turn)
+            turn += np.arctan2(x * ny - y * nx, x * nx + y * ny)
+        least = max(least, 1e-3)
+        bottom, top = solids[t, :, 2].min(), solids[t, :, 2].max()
+        lowest = bottom / (least if bottom < 0.0 else most)
+        highest = top / (least if top > 0.0 else most)
+        begin, end = int(np.floor((first + start) / step)), int(np.floor((first + stop) / step))
+        for r in range(
+            max(int(np.floor((lowest - low) / step)), 0), min(int(np.floor((highest - low) / step)), rows - 1) + 1
+        ):
+            for c in range(begin, min(end, begin + columns - 1) + 1):
+                near[r, c % columns] = min(near[r, c % columns], np.float32(least))
+                far[r, c % columns] = max(far[r, c % columns], np.float32(most))
 
 
 @njit(cache=True, nogil=True)

@@ -87,6 +87,23 @@ def test_a_step_around_another_layers_surface_needs_captured_depths_there_and_on
     assert not flagged(one, captured(1, aside, between))[0].any(), "it is elsewhere in the panorama"
 
 
+def test_so_does_a_step_around_a_near_object_and_not_one_elsewhere():
+    view = looking()
+    depth = plane(view)
+    depth[:, 50:] *= 2.0
+    stepped = captured(0, view, depth)
+    u, v = np.meshgrid(*view.pixel_centres())
+
+    def quad(nearness):
+        corners = view.unproject(u, v, 1.0 / np.full(u.shape, nearness))[[0, 0, -1, -1], [0, -1, 0, -1]] - view.eye
+        return corners[[[0, 2, 3], [0, 3, 1]]]
+
+    between, before = (
+        out_of_order([stepped], max_angle=ANGLE, eye_height=0.0, solids=quad(nearness))[0] for nearness in (0.014, 0.1)
+    )
+    assert between.any() and not before.any()
+
+
 def test_what_the_next_sector_sees_counts_too():
     """The same direction, seen through two level views that are turned against each other."""
     view, turned = looking(0.0, left=16, width=64), looking(-math.radians(45.0), left=-80, width=64)
