@@ -8,19 +8,28 @@ from numpy.typing import NDArray
 
 from mmi.impostor import DepthTexture, GridMesh
 
-__all__ = ["chord", "displacement"]
+__all__ = ["as_seen", "chord", "displacement"]
 
 
 def displacement(texture: DepthTexture, mesh: GridMesh, viewpoints: NDArray[np.float64]) -> float:
     """Radians: how far the mesh draws a captured texel from where it is, at most, seen from ``viewpoints`` (k, 3)."""
-    left, top, width, height = texture.view.window
-    offsets = viewpoints @ texture.view.eye_from_world[:3, :3].T + texture.view.eye_from_world[:3, 3]
+    inverse, frame, offsets = as_seen(texture, viewpoints)
     depth = texture.view.project(mesh.vertices.astype(np.float64))[:, 2]
-    lattice = mesh.uv.astype(np.float64) * np.array([width, height])
-    inverse = np.where(texture.coverage, 1.0 / texture.depth.astype(np.float64), 0.0)
-    frame = (float(left), float(top), texture.view.focal)
+    lattice = mesh.uv.astype(np.float64) * np.array(texture.view.window[2:])
     chord = _displacement(inverse, frame, offsets, lattice, 1.0 / depth, mesh.triangles)
     return float(2.0 * np.arcsin(min(0.5 * chord, 1.0)))
+
+
+def as_seen(
+    texture: DepthTexture, viewpoints: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], tuple[float, float, float], NDArray[np.float64]]:
+    """What :func:`chord` is about: 1/z (h, w), 0 where nothing was hit; the window's left, top and focal length in texels; and
+    ``viewpoints`` (k, 3) in the capture's eye space.
+    """
+    view = texture.view
+    inverse = np.where(texture.coverage, 1.0 / texture.depth.astype(np.float64), 0.0)
+    offsets = viewpoints @ view.eye_from_world[:3, :3].T + view.eye_from_world[:3, 3]
+    return inverse, (float(view.window[0]), float(view.window[1]), view.focal), offsets
 
 
 @njit(cache=True, error_model="numpy")

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mmi.displacement import chord
+from mmi.displacement import as_seen, chord
 from mmi.impostor import DepthTexture, GridMesh
 
 __all__ = ["grid_mesh"]
@@ -42,9 +42,7 @@ def grid_mesh(texture: DepthTexture, *, viewpoints: NDArray[np.float64], toleran
     if not texture.coverage.any():
         raise ValueError("a depth texture that shows something expected, found an empty one")
     left, top, width, height = texture.view.window
-    offsets = viewpoints @ texture.view.eye_from_world[:3, :3].T + texture.view.eye_from_world[:3, 3]
-    inverse = np.where(texture.coverage, 1.0 / texture.depth.astype(np.float64), 0.0)
-    frame = (float(left), float(top), texture.view.focal)
+    inverse, frame, offsets = as_seen(texture, viewpoints)
     lattice, triangles, values = _mesh(inverse, frame, offsets, 2.0 * np.sin(0.5 * tolerance))
     vertices = texture.view.unproject(left + lattice[:, 0], top + lattice[:, 1], 1.0 / values)
     uv = lattice / np.array([width, height])
@@ -278,6 +276,15 @@ def _cut_beside(
 
 
 @njit(cache=True, error_model="numpy")
+def _halves(box: tuple[int, int, int, int], across: bool, where: int) -> list[tuple[int, int, int, int]]:
+    """The two parts of a box that is cut at a coordinate, across x or across y."""
+    x0, y0, x1, y1 = box
+    if across:
+        return [(x0, y0, where, y1), (where, y0, x1, y1)]
+    return [(x0, y0, x1, where), (x0, where, x1, y1)]
+
+
+@njit(cache=True, error_model="numpy")
 def _mesh(
     inverse: NDArray[np.float64],
     frame: tuple[float, float, float],
@@ -322,12 +329,8 @@ def _mesh(
                 across, where = _cut(inverse, box, at)
             if where < 0:
                 leaves.append(box)
-            elif across:
-                stack.append((x0, y0, where, y1))
-                stack.append((where, y0, x1, y1))
             else:
-                stack.append((x0, y0, x1, where))
-                stack.append((x0, where, x1, y1))
+                stack.extend(_halves(box, across, where))
         # Vertices of others on a leaf's sides pull its surface towards theirs: where that is too far, it is cut there.
         used[:] = -1
         for x0, y0, x1, y1 in leaves:
@@ -336,15 +339,10 @@ def _mesh(
         kept.pop()
         for box in leaves:
             across, where = _cut_beside(box, known, used, frame, offsets, tolerance)
-            x0, y0, x1, y1 = box
             if where < 0:
                 kept.append(box)
-            elif across:
-                stack.append((x0, y0, where, y1))
-                stack.append((where, y0, x1, y1))
             else:
-                stack.append((x0, y0, x1, where))
-                stack.append((x0, where, x1, y1))
+                stack.extend(_halves(box, across, where))
         leaves = kept
     count = 0
     for y in range(height + 1):
