@@ -1,4 +1,4 @@
-"""A city as everything else sees it: objects made of prisms, and a street graph, in one local metric frame.
+"""A city as everything else sees it: objects made of prisms or meshes, a street graph, the ground, in one local metric frame.
 
 World frame: metres, Z up, right-handed, a projected CRS less a recorded origin. Nothing here reads files (``mmi.io`` does)
 and nothing here knows about cells or images.
@@ -7,17 +7,24 @@ and nothing here knows about cells or images.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import networkx as nx
 import numpy as np
 import shapely
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from mmi.errors import CityError
+from mmi.terrain import Terrain
 
-__all__ = ["City", "CityObject", "Prism", "TriangleMesh"]
+__all__ = ["PAINTED", "PLAIN", "City", "CityObject", "Prism", "Texture", "TriangleMesh"]
+
+PLAIN = -1
+"""In ``TriangleMesh.textures``: a triangle of its own colour."""
+PAINTED = -2
+"""In ``TriangleMesh.textures``: a triangle without looks of its own, which gets a wall or roof of ``mmi.facades``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,11 +48,37 @@ class Prism:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Texture:
+    """A picture that meshes are covered with: ``image`` (h, w, 3) uint8 sRGB, top row first; ``name`` for files."""
+
+    name: str
+    image: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        image = np.ascontiguousarray(self.image)
+        if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8 or image.size == 0:
+            raise CityError(
+                f"texture {self.name}: (h, w, 3) uint8 expected, found {image.dtype} of shape {image.shape}"
+            )
+        image.setflags(write=False)
+        object.__setattr__(self, "image", image)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class TriangleMesh:
-    """A surface that is drawn instead of the extruded prisms: ``vertices`` (n, 3) float64, ``triangles`` (m, 3) int32."""
+    """A surface that is drawn instead of the extruded prisms, counter-clockwise from outside.
+
+    ``vertices`` (n, 3) float64 metres, ``triangles`` (m, 3) int32. Each triangle has a place in ``City.textures``, ``PLAIN``
+    or ``PAINTED`` (``textures`` (m,) int32, by default all ``PAINTED``), a colour that multiplies its texture (``colors``
+    (m, 3) uint8 sRGB, by default white), and texture coordinates of its corners (``uv`` (m, 3, 2) float32, by default 0: u
+    right and v *up*, (0, 0) the picture's lower left corner; pictures repeat).
+    """
 
     vertices: NDArray[np.float64]
     triangles: NDArray[np.int32]
+    textures: NDArray[np.int32] = None  # type: ignore[assignment]
+    colors: NDArray[np.uint8] = None  # type: ignore[assignment]
+    uv: NDArray[np.float32] = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
@@ -56,25 +89,37 @@ class TriangleMesh:
             raise CityError(f"a mesh needs triangles of shape (m, 3), found {triangles.shape}")
         if triangles.size and not (0 <= triangles.min() and triangles.max() < len(vertices)):
             raise CityError(f"mesh triangles need indices in [0, {len(vertices)}), found up to {triangles.max()}")
-        vertices.setflags(write=False)
-        triangles.setflags(write=False)
-        object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "triangles", triangles)
+        m = len(triangles)
+        textures = np.full(m, PAINTED) if self.textures is None else self.textures
+        colors = np.full((m, 3), 255) if self.colors is None else self.colors
+        uv = np.zeros((m, 3, 2)) if self.uv is None else self.uv
+        textures = np.ascontiguousarray(textures, dtype=np.int32)
+        colors = np.ascontiguousarray(colors, dtype=np.uint8)
+        uv = np.ascontiguousarray(uv, dtype=np.float32)
+        shapes = [textures.shape, colors.shape, uv.shape]
+        if shapes != [(m,), (m, 3), (m, 3, 2)] or not np.isfinite(uv).all():
+            raise CityError(
+                f"a mesh of {m} triangles needs textures (m,), colors (m, 3) and finite uv (m, 3, 2), found {shapes}"
+            )
+        arrays: tuple[NDArray[Any], ...] = (vertices, triangles, textures, colors, uv)
+        for name, array in zip(self.__slots__, arrays, strict=True):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CityObject:
     """A building, or a block of touching buildings: what layers are made of.
 
-    ``prisms`` bound the object: no point of it lies outside them. Where ``opaque``, they are also what it hides others
-    with; an object drawn as ``mesh`` is opaque only if its prisms lie inside the mesh as well. ``id`` is unique in its
-    city and stable between readings of the same file (``way/123``), so that a dataset can tell what changed.
+    ``prisms`` bound the object: no point of it lies outside them. ``core`` are prisms
+    that lie inside it (None: its prisms, and nothing for an object drawn as ``mesh``), see ``occluders``. ``id`` is unique in its city and
+    stable between readings of the same file (``way/123``), so that a dataset can tell what changed.
     """
 
     id: str
     prisms: tuple[Prism, ...]
     mesh: TriangleMesh | None = None
-    opaque: bool = True
+    core: tuple[Prism, ...] | None = None
     footprint: BaseGeometry = field(init=False)
     """Union of the prisms' footprints: Polygon or MultiPolygon, metres."""
 
@@ -85,6 +130,13 @@ class CityObject:
             raise CityError(f"object {self.id}: at least one prism expected, found none")
         footprints = [prism.footprint for prism in self.prisms]
         object.__setattr__(self, "footprint", footprints[0] if len(footprints) == 1 else shapely.union_all(footprints))
+
+    @property
+    def occluders(self) -> tuple[Prism, ...]:
+        """What it surely hides others with."""
+        if self.core is not None:
+            return self.core
+        return self.prisms if self.mesh is None else ()
 
     @property
     def base(self) -> float:
@@ -104,7 +156,7 @@ class CityObject:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class City:
-    """Objects and streets in one local metric frame.
+    """Objects, streets and ground in one local metric frame.
 
     ``streets`` is a multigraph: nodes are junctions and ends (attributes ``x``, ``y``), edges are streets between them
     with attributes ``geometry`` (LineString from the lower-numbered node to the other, or as keyed; metres), ``kind``
@@ -112,7 +164,8 @@ class City:
     unique integer attribute ``index``, numbered in reading order.
 
     ``crs`` is what pyproj understands (``"EPSG:32635"``), ``origin`` was subtracted from its coordinates. ``source`` is
-    the name of the file (no folders). ``ground`` is the height of the flat ground, metres.
+    the name of the file (no folders). ``ground`` is the height of the flat ground, metres; with a ``terrain``, that of its
+    lowest point. ``textures`` are what meshes refer to.
     """
 
     objects: tuple[CityObject, ...]
@@ -121,13 +174,21 @@ class City:
     origin: tuple[float, float, float]
     source: str
     ground: float = 0.0
+    terrain: Terrain | None = None
+    textures: tuple[Texture, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.terrain is not None:
+            object.__setattr__(self, "ground", float(self.terrain.heights.min()))
         seen: set[str] = set()
         for one in self.objects:
             if one.id in seen:
                 raise CityError(f"{self.source}: object ids must be unique, found {one.id} twice")
             seen.add(one.id)
+            if one.mesh is not None and one.mesh.textures.max(initial=-1) >= len(self.textures):
+                raise CityError(
+                    f"{self.source}: object {one.id} refers to texture {one.mesh.textures.max()} of {len(self.textures)}"
+                )
         for a, b, edge in self.streets.edges(data=True):
             if not isinstance(edge.get("geometry"), LineString):
                 raise CityError(f"{self.source}: street {a}-{b} needs a LineString as geometry")
@@ -141,6 +202,11 @@ class City:
             raise CityError(f"{self.source}: an empty city has no bounds")
         x0, y0, x1, y1 = shapely.total_bounds(shapes)
         return float(x0), float(y0), float(x1), float(y1)
+
+    def ground_at(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Height of the ground (...), metres, at ``points`` (..., 2 or more: x, y first)."""
+        points = np.asarray(points, dtype=np.float64)
+        return np.full(points.shape[:-1], self.ground) if self.terrain is None else self.terrain.at(points)
 
     def index(self) -> dict[str, int]:
         """Object id -> its place in ``objects``."""
