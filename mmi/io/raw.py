@@ -1,4 +1,4 @@
-"""What the readers hand over: outlines and street lines with tags, in the coordinates of their file.
+"""What the readers hand over: outlines, meshes and street lines with tags, in the coordinates of their file.
 
 Tags speak OpenStreetMap's vocabulary whatever the file was (``height``, ``building:levels``, ``highway``, ...): readers of
 other formats translate their columns. Nothing here is repaired, projected or judged yet.
@@ -12,7 +12,9 @@ import pyproj
 from shapely.geometry import LineString
 from shapely.geometry.base import BaseGeometry
 
-__all__ = ["BuildingLayer", "RawBuilding", "RawStreet", "StreetLayer", "is_yes"]
+from mmi.city import Texture, TriangleMesh
+
+__all__ = ["BuildingLayer", "ModelLayer", "RawBuilding", "RawModel", "RawStreet", "StreetLayer", "is_yes"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,6 +34,30 @@ class RawStreet:
     lines: tuple[LineString, ...]
     tags: dict[str, str]
     nodes: tuple[tuple[int, ...], ...] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawModel:
+    """A building as a mesh, as found: z up, in the file's coordinates; it may be open, or its triangles wound any way."""
+
+    id: str
+    mesh: TriangleMesh
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelLayer:
+    """All that a 3D model holds. ``crs`` is None where the file declares none: then its units are taken as metres.
+
+    ``textures`` are what the meshes refer to. ``terrain`` is a triangulated surface or loose points (no triangles) of the
+    ground; ``streets`` are centre lines, empty if the file has none.
+    """
+
+    file: str
+    items: tuple[RawModel, ...]
+    crs: pyproj.CRS | None
+    textures: tuple[Texture, ...] = ()
+    terrain: TriangleMesh | None = None
+    streets: tuple[RawStreet, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
