@@ -58,7 +58,7 @@ def grown(city: City, side: int) -> City:
 
         for one in city.objects:
             prisms = tuple(Prism(move(prism.footprint), prism.bottom, prism.top) for prism in one.prisms)
-            objects.append(CityObject(one.id if copy == 0 else f"{one.id} {i},{j}", prisms, opaque=one.opaque))
+            objects.append(CityObject(one.id if copy == 0 else f"{one.id} {i},{j}", prisms))
         for node, data in city.streets.nodes(data=True):
             streets.add_node(node + copy * nodes, x=data["x"] + dx, y=data["y"] + dy)
         for a, b, edge in city.streets.edges(data=True):

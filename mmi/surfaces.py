@@ -1,18 +1,17 @@
 """City objects as textured triangles: what captures render and what stays geometry.
 
-One mesh and one texture for the whole city (``mmi.facades``), ordered by object, so that any set of objects is one gather
-and one draw. Light is baked into vertex colours, which multiply the texture (both are sRGB bytes, multiplied as they
-are): a tint of the building's own, one sun, the open sky, and less of it near the ground.
+One mesh and one texture for the whole city, ordered by object, so that any set of objects is one gather and one draw. The
+texture is that of painted facades (``mmi.facades``), or an atlas with the city's own pictures as well (``mmi.atlas``).
+Vertex colours multiply it: a tint of the building's own and light (``mmi.shading``).
 
-Geometry is exactly that of the prisms: walls are vertical, roofs flat, positions float32 of the city's local frame. Walls
-between touching buildings are kept (each object is whole by itself) but have no windows.
+Geometry is exactly that of the prisms, or of the mesh that an object came with (``mmi.modelled``): walls of prisms are
+vertical, roofs flat, positions float32 of the city's local frame. Walls between touching buildings are kept (each object is
+whole by itself) but have no windows.
 """
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-import math
 from dataclasses import dataclass, field
 
 import mapbox_earcut
@@ -21,61 +20,15 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from mmi import facades
-from mmi.city import City, CityObject
+from mmi.atlas import pack_atlas
+from mmi.city import PAINTED, City
+from mmi.modelled import Part, mesh_part, repeats_of, strip_uv
+from mmi.shading import Looks, contact, light, looks_of
 
 __all__ = ["CityMesh", "build_city_mesh", "mesh_of", "triangles_of", "triangulate"]
 
-_SUN = np.array([-0.45, -0.62, 0.64]) / math.sqrt(0.45**2 + 0.62**2 + 0.64**2)  # towards it: south-west, afternoon
-_SUNLIGHT = np.array([0.44, 0.41, 0.35])
-_SKYLIGHT = np.array([0.70, 0.72, 0.76])
-_CONTACT = 0.24  # light lost at the foot of a wall, fading with height
-_CONTACT_HEIGHT = 5.0
 _FLOATING = 1.0  # metres above ground from which a prism is a bridge or a bay: no doors, but an underside
 _BLIND = 1.5  # metres below which a wall has no room for a window
-_ROOF_STRIP_METRES = 8.0
-
-_TINTS = tuple(
-    np.array(tints)
-    for tints in (
-        (
-            (1.0, 0.99, 0.97),
-            (1.0, 0.95, 0.84),
-            (0.97, 0.90, 0.80),
-            (0.93, 0.93, 0.92),
-            (1.0, 0.92, 0.86),
-            (0.90, 0.93, 0.95),
-        ),
-        (
-            (1.0, 1.0, 1.0),
-            (0.90, 0.86, 0.84),
-            (1.0, 1.0, 0.90),
-            (0.82, 0.80, 0.80),
-            (1.0, 0.93, 0.88),
-            (0.95, 1.0, 1.0),
-        ),
-        (
-            (1.0, 1.0, 1.0),
-            (0.92, 0.92, 0.94),
-            (1.0, 0.97, 0.91),
-            (0.86, 0.87, 0.88),
-            (0.97, 0.93, 0.90),
-            (0.94, 0.97, 0.95),
-        ),
-        (
-            (1.0, 1.0, 1.0),
-            (0.88, 0.95, 0.98),
-            (0.92, 1.0, 0.97),
-            (0.84, 0.87, 0.92),
-            (1.0, 0.97, 0.92),
-            (0.94, 0.94, 0.94),
-        ),
-    )
-)  # per style, six to choose from
-
-# Share of the four styles, cumulated, for houses, wide low buildings, tall ones and towers.
-_STYLE_SHARES = np.array(
-    [[0.55, 0.88, 1.0, 1.0], [0.35, 0.60, 0.90, 1.0], [0.10, 0.30, 0.70, 1.0], [0.0, 0.10, 0.40, 1.0]]
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,40 +69,36 @@ class CityMesh:
             getattr(self, name).setflags(write=False)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Part:
-    """Some vertices and triangles, with the object that each belongs to; colours still as factors, uv as float64."""
-
-    positions: NDArray[np.float64]
-    uv: NDArray[np.float64]
-    colors: NDArray[np.float64]
-    triangles: NDArray[np.int64]
-    owners: NDArray[np.int64]  # (n,) of vertices
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Looks:
-    """What an object's id, height and area decide: ``style`` (k,) index, ``tint`` (k, 3) factor, ``bay`` (k,) 0..7."""
-
-    style: NDArray[np.int64]
-    tint: NDArray[np.float64]
-    bay: NDArray[np.int64]
-
-
 def build_city_mesh(city: City) -> CityMesh:
     """Textured triangles of all objects of ``city``: walls, roofs and, where prisms float, undersides.
 
-    An object with a ``mesh`` of its own is drawn as that, with plain walls, each triangle shaded by itself.
+    An object with a ``mesh`` of its own is drawn as that.
     """
-    looks = _looks(city.objects)
+    looks = looks_of(city.objects)
     prisms = [(i, prism) for i, one in enumerate(city.objects) if one.mesh is None for prism in one.prisms]
     owners = np.array([i for i, _ in prisms], dtype=np.int64)
     polygons = np.array([prism.footprint for _, prism in prisms], dtype=object)
     heights = np.array([(prism.bottom, prism.top) for _, prism in prisms]).reshape(-1, 2)
-    parts = [_walls(polygons, heights, owners, looks, city.ground)]
-    parts.append(_roofs(polygons, heights, owners, looks, city.ground))
-    parts += [_own_mesh(one, i, looks) for i, one in enumerate(city.objects) if one.mesh is not None]
-    return _assemble(parts, len(city.objects), facades.facade_texture())
+    grounds = _grounds(city, polygons)
+    walls, roofs = (make(polygons, heights, owners, looks, grounds) for make in (_walls, _roofs))
+    modelled = [i for i, one in enumerate(city.objects) if one.mesh is not None]
+    meshed = [city.objects[i] for i in modelled]
+    if all((one.mesh.textures == PAINTED).all() for one in meshed if one.mesh is not None):
+        own = mesh_part(meshed, np.array(modelled, dtype=np.int64), looks, None)
+        return _assemble([walls, roofs, own], len(city.objects), facades.facade_texture())
+    atlas = pack_atlas(city.textures, repeats_of(meshed, city.textures))
+    own = mesh_part(meshed, np.array(modelled, dtype=np.int64), looks, atlas)
+    for part in (walls, roofs):
+        part.uv[:] *= atlas.facade_scale
+    return _assemble([walls, roofs, own], len(city.objects), atlas.texture)
+
+
+def _grounds(city: City, polygons: NDArray[np.object_]) -> NDArray[np.float64]:
+    """(k,) the lowest ground at the corners of each of ``polygons``, metres."""
+    if city.terrain is None or not len(polygons):
+        return np.full(len(polygons), city.ground)
+    points, of = shapely.get_coordinates(shapely.get_exterior_ring(polygons), return_index=True)
+    return np.minimum.reduceat(city.ground_at(points), np.searchsorted(of, np.arange(len(polygons))))
 
 
 def mesh_of(city_mesh: CityMesh, objects: ArrayLike) -> CityMesh:
@@ -202,32 +151,6 @@ def triangulate(polygons: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.in
     return points, triangles, of
 
 
-# ------------------------------------------------------------------------------------------------------- looks
-
-
-def _looks(objects: tuple[CityObject, ...]) -> _Looks:
-    """Styles, tints and first bays, from digests of the ids: what other objects there are changes nothing."""
-    digests = b"".join(hashlib.blake2b(one.id.encode(), digest_size=8).digest() for one in objects)
-    dice = np.frombuffer(digests, dtype=np.uint8).reshape(-1, 8).astype(np.int64)
-    height = np.array([one.height for one in objects])
-    area = shapely.area([one.footprint for one in objects])
-    size = np.where(height > 60.0, 3, np.where(height > 30.0, 2, np.where(area > 1800.0, 1, 0))).astype(np.int64)
-    style = (dice[:, :1] / 256.0 >= _STYLE_SHARES[size]).sum(axis=1)
-    tint = np.stack(_TINTS)[style, dice[:, 1] % 6] * (0.93 + 0.07 * dice[:, 2:3] / 255.0)
-    return _Looks(style, tint, dice[:, 3] % facades.BAYS)
-
-
-def _light(normals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 3) unit normals -> (n, 3) factors: the sun's cosine, and as much of the sky as the surface faces."""
-    sky = 0.80 + 0.20 * normals[:, 2:]
-    return np.minimum(_SUNLIGHT * np.maximum(normals @ _SUN, 0.0)[:, None] + _SKYLIGHT * sky * 1.02, 1.0)
-
-
-def _contact(above_ground: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Factor by height above ground in metres: streets are darker than roofs."""
-    return 1.0 - _CONTACT * np.exp(-np.maximum(above_ground, 0.0) / _CONTACT_HEIGHT)
-
-
 # ------------------------------------------------------------------------------------------------ walls and caps
 
 
@@ -235,9 +158,9 @@ def _walls(
     polygons: NDArray[np.object_],
     heights: NDArray[np.float64],
     owners: NDArray[np.int64],
-    looks: _Looks,
-    ground: float,
-) -> _Part:
+    looks: Looks,
+    grounds: NDArray[np.float64],
+) -> Part:
     """Upright quads along every edge of every footprint; where a prism has more storeys than the atlas, several."""
     rings, prism_of_ring = shapely.get_rings(polygons, return_index=True)
     points, ring = shapely.get_coordinates(rings, return_index=True)
@@ -250,7 +173,7 @@ def _walls(
     a, b, prism = points[start], points[start + 1], prism_of_ring[ring[start]]
 
     bottom, top = heights[prism].T
-    floating = bottom > ground + _FLOATING
+    floating = bottom > grounds[prism] + _FLOATING
     storeys = np.maximum(1, np.rint((top - bottom) / facades.STOREY)).astype(np.int64)
     first_row = floating.astype(np.int64)  # above a door, only upper storeys
     room = facades.ROWS - 1
@@ -281,7 +204,7 @@ def _walls(
     u_b = u_a + bays / facades.BAYS
 
     normal = np.column_stack([b[:, 1] - a[:, 1], a[:, 0] - b[:, 0], np.zeros(len(a))]) / length[:, None]
-    base = (looks.tint[owner] * _light(normal))[wall]
+    base = (looks.tint[owner] * light(normal))[wall]
     corners = [
         (a[wall], low, u_a, v_low),
         (b[wall], low, u_b, v_low),
@@ -289,10 +212,10 @@ def _walls(
         (a[wall], high, u_a, v_high),
     ]
     quads = np.arange(len(wall))[:, None, None]
-    return _Part(
+    return Part(
         positions=_interleave([np.column_stack([xy, z]) for xy, z, _, _ in corners]),
         uv=_interleave([np.column_stack([u, v]) for _, _, u, v in corners]),
-        colors=_interleave([base * _contact(z - ground)[:, None] for _, z, _, _ in corners]),
+        colors=_interleave([base * contact(z - grounds[prism][wall])[:, None] for _, z, _, _ in corners]),
         triangles=(4 * quads + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3),
         owners=np.repeat(owner[wall], 4),
     )
@@ -311,13 +234,13 @@ def _roofs(
     polygons: NDArray[np.object_],
     heights: NDArray[np.float64],
     owners: NDArray[np.int64],
-    looks: _Looks,
-    ground: float,
-) -> _Part:
+    looks: Looks,
+    grounds: NDArray[np.float64],
+) -> Part:
     """Roofs of all prisms, and after each the underside where the prism floats."""
     points, triangles, of = triangulate(polygons)
     each = np.arange(len(polygons) + 1)
-    caps = np.repeat(each[:-1], np.where(heights[:, 0] > ground + _FLOATING, 2, 1))
+    caps = np.repeat(each[:-1], np.where(heights[:, 0] > grounds + _FLOATING, 2, 1))
     below = np.zeros(len(caps), dtype=bool)
     below[1:] = caps[1:] == caps[:-1]
     vertices, starts = _ranges(np.searchsorted(of, each), caps)
@@ -326,62 +249,20 @@ def _roofs(
     turned = np.repeat(below, np.diff(row_starts))
     used = triangles[rows] + np.repeat(starts[:-1] - np.searchsorted(of, caps), np.diff(row_starts))[:, None]
     used[turned] = used[turned][:, ::-1]
-    up, down = _light(np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]))
+    up, down = light(np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]))
     owner = owners[caps]
     # Roofs take half of the tint: slate is not the colour of the wall below.
     colors = (0.5 + 0.5 * looks.tint[owner]) * np.where(below[:, None], 0.6 * down, up)
-    return _Part(
+    return Part(
         positions=np.column_stack([points[vertices], np.where(below, heights[caps, 0], heights[caps, 1])[cap]]),
-        uv=_strip_uv(points[vertices], cap, *(v[owner] for v in facades.roof_strip(looks.style))),
+        uv=strip_uv(points[vertices], cap, *(v[owner] for v in facades.roof_strip(looks.style))),
         colors=colors[cap],
         triangles=used,
         owners=owner[cap],
     )
 
 
-def _own_mesh(one: CityObject, index: int, looks: _Looks) -> _Part:
-    """A mesh that came with the object: three vertices a triangle, steep ones as plain wall, flat ones as roof."""
-    assert one.mesh is not None
-    corners = one.mesh.vertices[one.mesh.triangles]  # (m, 3 corners, 3)
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    size = np.linalg.norm(cross, axis=1)
-    corners, normal = corners[size > 0.0], cross[size > 0.0] / size[size > 0.0, None]
-    style = looks.style[index]
-    along = np.stack([-normal[:, 1], normal[:, 0]], axis=1)  # to the right, seen from outside
-    along /= np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
-    low, high = corners[:, :, 2].min(initial=np.inf), corners[:, :, 2].max(initial=-np.inf)
-    wall_top, wall_bottom = (float(v) for v in facades.plain_strip(style))
-    wall_u = np.einsum("mcx,mx->mc", corners[:, :, :2], along) / (facades.BAYS * facades.BAY)
-    wall_v = wall_bottom + (corners[:, :, 2] - low) / max(high - low, 1e-9) * (wall_top - wall_bottom)
-    flat, strip = corners[:, :, :2].reshape(-1, 2), facades.roof_strip(looks.style[[index]])
-    roof_uv = _strip_uv(flat, np.zeros(len(flat), dtype=np.int64), *strip).reshape(-1, 3, 2)
-    steep = (np.abs(normal[:, 2]) < 0.5)[:, None, None]
-    return _Part(
-        positions=corners.reshape(-1, 3),
-        uv=np.where(steep, np.stack([wall_u, wall_v], axis=-1), roof_uv).reshape(-1, 2),
-        colors=np.repeat(looks.tint[index] * _light(normal), 3, axis=0),
-        triangles=np.arange(3 * len(corners)).reshape(-1, 3),
-        owners=np.full(3 * len(corners), index),
-    )
-
-
 # ----------------------------------------------------------------------------------------------------- mechanics
-
-
-def _strip_uv(
-    points: NDArray[np.float64], roof: NDArray[np.int64], v_top: NDArray[np.float64], v_bottom: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(n, 2) points of the roofs ``roof`` (n,), sorted -> uv that fit each roof into its strip of the atlas, coarser where
-    the roof is larger. ``v_top`` and ``v_bottom`` (k,) are of the strips.
-    """
-    if not len(points):
-        return np.empty((0, 2))
-    starts = np.searchsorted(roof, np.arange(len(v_top)))
-    offset = points - np.minimum.reduceat(points, starts)[roof]
-    metres = np.maximum(_ROOF_STRIP_METRES, np.maximum.reduceat(offset[:, 1], starts))[roof]
-    height = (v_bottom - v_top)[roof]
-    aspect = facades.TEXTURE_SIZE[0] / facades.TEXTURE_SIZE[1]
-    return np.column_stack([offset[:, 0] / metres * height * aspect, v_bottom[roof] - offset[:, 1] / metres * height])
 
 
 def _interleave(corners: list[NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -396,7 +277,7 @@ def _ranges(offsets: NDArray[np.int64], chosen: NDArray[np.int64]) -> tuple[NDAr
     return np.arange(ends[-1]) + np.repeat(offsets[chosen] - ends[:-1], counts), ends
 
 
-def _assemble(parts: list[_Part], objects: int, texture: NDArray[np.uint8]) -> CityMesh:
+def _assemble(parts: list[Part], objects: int, texture: NDArray[np.uint8]) -> CityMesh:
     """Group all vertices and triangles by object, keeping the order within one."""
     counts = [len(part.positions) for part in parts]
     shifts = np.cumsum([0, *counts[:-1]])

@@ -13,9 +13,10 @@
    sees a subset.
 4. *To columns of azimuth*, see :mod:`mmi.horizon`.
 
-Occluders are the opaque prisms that stand on the ground, each with its height rounded down to a level. Those that the
-cell's rectangle cuts into (streets through buildings) hide nothing from that cell. The ground is flat and hides what is
-below it.
+Occluders are prisms inside objects (``CityObject.occluders``) that stand on the ground, each with its height rounded down
+to a level. Those that the cell's rectangle cuts into (streets through buildings) hide nothing from that cell. The ground is
+taken to hide what is below it and nothing else, hills or not: a line of sight that would pass under an occluder is under
+the ground there.
 
 **Item buffer.** Full panoramas from samples on the same outline; what is drawn in some pixel is visible. Works for any
 mesh, may miss what shows only between the samples or in less than a pixel.
@@ -24,7 +25,7 @@ mesh, may miss what shows only between the samples or in less than a pixel.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,7 +37,7 @@ from shapely.geometry import Polygon
 
 from mmi.camera import View, level_view
 from mmi.cells import ViewingCell
-from mmi.city import City
+from mmi.city import City, Prism
 from mmi.errors import ParameterError
 from mmi.horizon import BINS, Rings, pack_rings, sweep
 from mmi.selection import Extractor, Selection, Sight
@@ -58,6 +59,9 @@ _TOLERANCE = 0.05
 _TOUCH = 1e-3
 """Metres: a wall this far inside a cell does not count as cutting into it; a base this far up stands on the ground."""
 
+_SLOPING_GAP = 0.5
+"""Metres: the same for a base on a slope, whose ground is known at the footprint's corners only."""
+
 _CANDIDATES = 512
 """Heights among which levels are chosen; time and memory grow with the square."""
 
@@ -68,8 +72,8 @@ class HorizonScene:
 
     ``shrink`` metres; ``columns`` in the panorama. ``occluders`` and the ``blocks`` (b,) that they are the rings of are
     the shrunken unions, level by level, each at its greatest height only. ``occludees`` are the rings of all prisms,
-    ``owners`` (r,) their objects. ``prisms`` (p,) are all footprints, ``prism_objects`` (p,) their objects, ``solid``
-    (p,) those that occlude.
+    ``owners`` (r,) their objects. ``prisms`` (p,) are all footprints, ``prism_objects`` (p,) their objects, ``solids``
+    the footprints of what occludes. ``covered`` (e,) is how high each edge of ``occludees`` is covered by what touches it.
     """
 
     city: City
@@ -82,7 +86,7 @@ class HorizonScene:
     owners: NDArray[np.int64]
     prisms: shapely.STRtree
     prism_objects: NDArray[np.int64]
-    solid: NDArray[np.bool_]
+    solids: shapely.STRtree
     covered: NDArray[np.float64]
 
 
@@ -96,13 +100,12 @@ def prepare_horizon(city: City, *, shrink: float = 1.5, columns: int = 2048, lev
         raise ParameterError(f"occluders shrink by a positive distance, found {shrink}")
     if columns < 8 or levels < 1:
         raise ParameterError(f"at least 8 columns and 1 level expected, found {columns} and {levels}")
-    prisms = [(prism, i, one.opaque) for i, one in enumerate(city.objects) for prism in one.prisms]
-    footprints = np.array([prism.footprint for prism, _, _ in prisms], dtype=object)
-    tops = np.array([prism.top for prism, _, _ in prisms], dtype=np.float64)
-    objects = np.array([i for _, i, _ in prisms], dtype=np.int64)
-    solid = np.array([opaque and prism.bottom <= city.ground + _TOUCH for prism, _, opaque in prisms], dtype=bool)
-    heights = _levels(tops[solid], levels)
-    blocks, block_heights = _shrink(footprints[solid], tops[solid], heights, shrink)
+    footprints, _, tops, objects = _prism_table([one.prisms for one in city.objects])
+    solids, bottoms, solid_tops, _ = _prism_table([one.occluders for one in city.objects])
+    standing = _standing(city, solids, bottoms)
+    solids, solid_tops = solids[standing], solid_tops[standing]
+    heights = _levels(solid_tops, levels)
+    blocks, block_heights = _shrink(solids, solid_tops, heights, shrink)
     occludees = pack_rings(footprints, tops)
     return HorizonScene(
         city=city,
@@ -115,31 +118,59 @@ def prepare_horizon(city: City, *, shrink: float = 1.5, columns: int = 2048, lev
         owners=objects[occludees.owners],
         prisms=shapely.STRtree(footprints),
         prism_objects=objects,
-        solid=solid,
-        covered=_covered(occludees, np.where(solid, tops, -np.inf)),
+        solids=shapely.STRtree(solids),
+        covered=_covered(occludees, pack_rings(solids, solid_tops)),
     )
 
 
-def _covered(rings: Rings, heights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(e,) for each edge of prisms' ``rings``, the height of the solid prism (p,) that has the same edge the other way round.
+def _prism_table(
+    prisms: Sequence[tuple[Prism, ...]],
+) -> tuple[NDArray[np.object_], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Footprints, bottoms, tops (p,) of the ``prisms`` of each object, and their objects (p,)."""
+    every = [(prism, i) for i, own in enumerate(prisms) for prism in own]
+    return (
+        np.array([prism.footprint for prism, _ in every], dtype=object),
+        np.array([prism.bottom for prism, _ in every], dtype=np.float64),
+        np.array([prism.top for prism, _ in every], dtype=np.float64),
+        np.array([i for _, i in every], dtype=np.int64),
+    )
+
+
+def _standing(city: City, footprints: NDArray[np.object_], bottoms: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which prisms (p,) leave nothing between them and the ground."""
+    if city.terrain is None or not len(footprints):
+        return bottoms <= city.ground + _TOUCH
+    points, of = shapely.get_coordinates(footprints, return_index=True)
+    ground = np.minimum.reduceat(city.ground_at(points), np.searchsorted(of, np.arange(len(footprints))))
+    return np.asarray(bottoms <= ground + _SLOPING_GAP)
+
+
+def _covered(rings: Rings, solids: Rings) -> NDArray[np.float64]:
+    """(e,) for each edge of ``rings``, the height of the solid that has the same edge the other way round.
 
     To the centimetre; -inf where none has. What touches with a part of a longer edge is not looked at.
     """
-    after = np.arange(1, len(rings.xy) + 1)
-    after[rings.starts[1:] - 1] = rings.starts[:-1]
-    _, names = np.unique(np.rint(100.0 * rings.xy).astype(np.int64), axis=0, return_inverse=True)
-    names = names.reshape(-1).astype(np.int64)
-    owners = np.repeat(rings.owners, np.diff(rings.starts))
-    count = len(names) + 1
-    order = np.argsort(names * count + names[after], kind="stable")
-    keys = (names * count + names[after])[order]
-    wanted = names[after] * count + names
-    covered = np.full(len(names), -np.inf)
+    xy = np.rint(100.0 * np.concatenate([rings.xy, solids.xy])).astype(np.int64)
+    _, names = np.unique(xy, axis=0, return_inverse=True)
+    own, other = np.split(names.reshape(-1).astype(np.int64), [len(rings.xy)])
+    count = len(xy) + 1
+    keys = other * count + other[_following(solids)]
+    order = np.argsort(keys, kind="stable")
+    keys, heights = keys[order], np.repeat(solids.heights, np.diff(solids.starts))[order]
+    wanted = own[_following(rings)] * count + own
+    covered = np.full(len(own), -np.inf)
     first, last = np.searchsorted(keys, wanted, side="left"), np.searchsorted(keys, wanted, side="right")
     while (more := first < last).any():  # mostly one, at most
-        covered[more] = np.maximum(covered[more], heights[owners[order[first[more]]]])
+        covered[more] = np.maximum(covered[more], heights[first[more]])
         first = first + more
     return covered
+
+
+def _following(rings: Rings) -> NDArray[np.int64]:
+    """(n,) the vertex that follows each one on its ring."""
+    after = np.arange(1, len(rings.xy) + 1)
+    after[rings.starts[1:] - 1] = rings.starts[:-1]
+    return after
 
 
 def _levels(tops: NDArray[np.float64], count: int) -> NDArray[np.float64]:
@@ -235,8 +266,8 @@ def horizon_visible(scene: HorizonScene, cell: ViewingCell) -> tuple[NDArray[np.
     region = Polygon(cell.corners)
     seen = np.zeros(len(scene.city.objects), dtype=bool)
     seen[scene.prism_objects[_meeting(scene.prisms, region)]] = True
-    cutting = scene.prisms.query(region.buffer(-_TOUCH, join_style="mitre"), predicate="intersects")
-    occluders = _occluders_without(scene, cutting[scene.solid[cutting]])
+    cutting = scene.solids.query(region.buffer(-_TOUCH, join_style="mitre"), predicate="intersects")
+    occluders = _occluders_without(scene, cutting)
     nearest_first = np.lexsort([-occluders.heights, _gap(occluders.boxes, region.bounds)])
     viewpoints = sample_viewpoints(cell, reach=scene.shrink)
     lowest, bits = sweep(
@@ -265,12 +296,12 @@ def _gap(boxes: NDArray[np.float64], box: tuple[float, float, float, float]) -> 
     return np.hypot(dx, dy)
 
 
-def _occluders_without(scene: HorizonScene, prisms: NDArray[np.int64]) -> Rings:
-    """The occluders as they would be without ``prisms``: what is left is as far from them as from any outline."""
-    if not len(prisms):
+def _occluders_without(scene: HorizonScene, solids: NDArray[np.int64]) -> Rings:
+    """The occluders as they would be without ``solids``: what is left is as far from them as from any outline."""
+    if not len(solids):
         return scene.occluders
     margin = scene.shrink + _TOLERANCE
-    hole = shapely.union_all(shapely.buffer(scene.prisms.geometries[np.sort(prisms)], margin, join_style="mitre"))
+    hole = shapely.union_all(shapely.buffer(scene.solids.geometries[np.sort(solids)], margin, join_style="mitre"))
     shapely.prepare(hole)
     cut = shapely.intersects(hole, scene.blocks)
     pieces, of = _polygons(shapely.difference(scene.blocks[cut], hole))

@@ -89,6 +89,7 @@ class _Worker:
         with self.preparation.stage("preparation"):
             self.scene = prepare_scene(city, parameters)
             self.prints = _looks(self.scene.mesh, object_fingerprints(city))
+            self.atlas = hashlib.sha256(self.scene.mesh.texture.data).hexdigest()
             self.capturer = Capturer(self.scene.mesh)
 
     def make(self, job: Job) -> Done:
@@ -118,7 +119,13 @@ class _Worker:
         """Fingerprint of everything that the cell's files and its entry are made from."""
         ids = [self.scene.city.objects[i].id for i in plan.selection.objects]
         prints = [self.prints[i] for i in plan.selection.objects]
-        settings = [FORMAT_VERSION, package_version(), self.scene.parameters.as_dict(), self.scene.city.ground]
+        settings = [
+            FORMAT_VERSION,
+            package_version(),
+            self.scene.parameters.as_dict(),
+            self.scene.city.ground,
+            self.atlas,
+        ]
         return fingerprint([settings, _cell_values(job.cell), job.neighbours, ids, prints])
 
 

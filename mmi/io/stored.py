@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import itertools
 import json
+import zlib
 from collections.abc import Iterator
 from typing import Any
 
 import networkx as nx
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely.geometry import LineString, Polygon
 
-from mmi.city import City, CityObject, Prism, TriangleMesh
+from mmi.city import City, CityObject, Prism, Texture, TriangleMesh
 from mmi.errors import CityError
+from mmi.terrain import Terrain
 
 __all__ = ["canonical_json", "city_from_json", "city_to_json", "fingerprint", "object_fingerprints"]
 
+_MESH = ("vertices", "triangles", "textures", "colors", "uv")
 _CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
 
 
@@ -60,6 +65,14 @@ def city_to_json(city: City) -> bytes:
             "origin": list(city.origin),
             "source": city.source,
             "ground": city.ground,
+            "terrain": None
+            if city.terrain is None
+            else {
+                "origin": list(city.terrain.origin),
+                "spacing": city.terrain.spacing,
+                "heights": _packed(city.terrain.heights),
+            },
+            "textures": [{"name": one.name, "image": _packed(one.image)} for one in city.textures],
         }
     )
 
@@ -88,24 +101,50 @@ def city_from_json(data: bytes, *, name: str) -> City:
             origin=tuple(float(x) for x in stored["origin"]),  # type: ignore[arg-type]
             source=str(stored["source"]),
             ground=float(stored["ground"]),
+            terrain=_terrain(stored["terrain"]),
+            textures=tuple(Texture(str(one["name"]), _unpacked(one["image"])) for one in stored["textures"]),
         )
-    except (ValueError, KeyError, TypeError, AttributeError, shapely.errors.ShapelyError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, zlib.error, shapely.errors.ShapelyError) as error:
         raise CityError(f"{name}: a city stored by build-impostors expected, found damaged data ({error})") from error
 
 
+def _packed(array: NDArray[Any]) -> dict[str, Any]:
+    """An array as JSON: little-endian bytes, compressed, in base64."""
+    kind = array.dtype.newbyteorder("<")
+    data = base64.b64encode(zlib.compress(np.ascontiguousarray(array, dtype=kind).tobytes(), 1)).decode()
+    return {"kind": kind.str, "shape": list(array.shape), "data": data}
+
+
+def _unpacked(stored: dict[str, Any]) -> NDArray[Any]:
+    kind = np.dtype(stored["kind"])
+    if kind.kind not in "uif":
+        raise ValueError(f"an array of numbers expected, found {stored['kind']!r}")
+    data = zlib.decompress(base64.b64decode(stored["data"], validate=True))
+    return np.frombuffer(data, dtype=kind).reshape([int(one) for one in stored["shape"]])
+
+
+def _terrain(stored: dict[str, Any] | None) -> Terrain | None:
+    if stored is None:
+        return None
+    x, y = (float(one) for one in stored["origin"])
+    return Terrain((x, y), float(stored["spacing"]), _unpacked(stored["heights"]))
+
+
 def _objects_to_dicts(objects: tuple[CityObject, ...]) -> Iterator[dict[str, Any]]:
-    rings = _rings([prism.footprint for one in objects for prism in one.prisms])
+    solids = [(*one.prisms, *(one.core or ())) for one in objects]
+    rings = _rings([prism.footprint for own in solids for prism in own])
     for one in objects:
-        stored: dict[str, Any] = {
-            "id": one.id,
-            "opaque": one.opaque,
-            "prisms": [
-                {"rings": next(rings), "bottom": float(prism.bottom), "top": float(prism.top)} for prism in one.prisms
-            ],
-        }
+        # The order of the two lists is that of ``solids``.
+        stored: dict[str, Any] = {"id": one.id, "prisms": _prisms_to_dicts(one.prisms, rings)}
+        if one.core is not None:
+            stored["core"] = _prisms_to_dicts(one.core, rings)
         if one.mesh is not None:
-            stored["mesh"] = {"vertices": one.mesh.vertices.tolist(), "triangles": one.mesh.triangles.tolist()}
+            stored["mesh"] = {name: _packed(getattr(one.mesh, name)) for name in _MESH}
         yield stored
+
+
+def _prisms_to_dicts(prisms: tuple[Prism, ...], rings: Iterator[list[list[list[float]]]]) -> list[dict[str, Any]]:
+    return [{"rings": next(rings), "bottom": float(prism.bottom), "top": float(prism.top)} for prism in prisms]
 
 
 def _rings(polygons: list[Polygon]) -> Iterator[list[list[list[float]]]]:
@@ -119,15 +158,16 @@ def _rings(polygons: list[Polygon]) -> Iterator[list[list[list[float]]]]:
 
 
 def _object_from_dict(stored: dict[str, Any]) -> CityObject:
-    mesh = stored.get("mesh")
+    mesh, core = stored.get("mesh"), stored.get("core")
     return CityObject(
         id=stored["id"],
-        prisms=tuple(
-            Prism(Polygon(prism["rings"][0], prism["rings"][1:]), prism["bottom"], prism["top"])
-            for prism in stored["prisms"]
-        ),
-        mesh=None
-        if mesh is None
-        else TriangleMesh(np.array(mesh["vertices"], dtype=np.float64), np.array(mesh["triangles"], dtype=np.int32)),
-        opaque=bool(stored["opaque"]),
+        prisms=_prisms_from_dicts(stored["prisms"]),
+        mesh=None if mesh is None else TriangleMesh(*(_unpacked(mesh[name]) for name in _MESH)),
+        core=None if core is None else _prisms_from_dicts(core),
+    )
+
+
+def _prisms_from_dicts(stored: list[dict[str, Any]]) -> tuple[Prism, ...]:
+    return tuple(
+        Prism(Polygon(one["rings"][0], one["rings"][1:]), float(one["bottom"]), float(one["top"])) for one in stored
     )

@@ -88,7 +88,7 @@ class TestByHand:
 
     def test_an_object_that_is_not_opaque_hides_nothing(self):
         city = city_of((WALL, 10), (box(0, 40, 10, 50), 8))
-        glass = CityObject("glass", city.objects[0].prisms, opaque=False)
+        glass = CityObject("glass", city.objects[0].prisms, core=())
         assert visible(dataclasses.replace(city, objects=(glass, city.objects[1]))) == [0, 1]
 
     def test_a_wall_below_the_eye_hides_nothing(self):
@@ -221,8 +221,9 @@ def plain_visible(scene, cell, *, slack):
     owners = [i for i, one in enumerate(scene.city.objects) for _ in one.prisms]
     cutting = [
         p.footprint.buffer(scene.shrink + 0.05, join_style="mitre")
-        for p, is_solid in zip(solids, scene.solid, strict=True)
-        if is_solid and p.footprint.intersects(region.buffer(-1e-3, join_style="mitre"))
+        for one in scene.city.objects
+        for p in one.occluders
+        if p.bottom == 0.0 and p.footprint.intersects(region.buffer(-1e-3, join_style="mitre"))
     ]
     blocks = shapely.difference(scene.blocks, shapely.union_all(cutting)) if cutting else scene.blocks
     seen |= {i for p, i in zip(solids, owners, strict=True) if p.footprint.distance(region) <= 1e-3}
@@ -273,7 +274,10 @@ def city_with_probes(rng, *, probes):
     specks = [(box(x, y, x + 0.2, y + 0.2), top - 0.1, top) for (x, y), top in zip(at, tops, strict=True)]
     city = city_of(*solids, *specks)
     return dataclasses.replace(
-        city, objects=tuple(CityObject(one.id, one.prisms, opaque=one.base == 0.0) for one in city.objects)
+        city,
+        objects=tuple(
+            CityObject(one.id, one.prisms, core=one.prisms if one.base == 0.0 else ()) for one in city.objects
+        ),
     )
 
 
