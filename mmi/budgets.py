@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import combinations, product
 from typing import Any
 
@@ -41,8 +40,7 @@ def halves(cell: ViewingCell) -> tuple[ViewingCell, ViewingCell] | None:
     """The two halves of a cell; None where they would be too short."""
     if cell.length < 2.0 * SHORTEST:
         return None
-    middle = (0.5 * (cell.p[0] + cell.q[0]), 0.5 * (cell.p[1] + cell.q[1]))
-    return replace(cell, id=f"{cell.id}a", q=middle), replace(cell, id=f"{cell.id}b", p=middle)
+    return cell.part(0.0, 0.5, f"{cell.id}a"), cell.part(0.5, 1.0, f"{cell.id}b")
 
 
 def whole_of(cell: str) -> str:

@@ -123,6 +123,7 @@ def write_cell(
         "axis": [list(cell.p), list(cell.q)],
         "half_width": cell.half_width,
         "eye": list(cell.eye),
+        "rise": cell.rise,
         "reference": cell.reference.tolist(),
         "neighbours": list(neighbours),
         "near": [city.objects[i].id for i in selection.near],
@@ -143,7 +144,9 @@ def stored_cell(entry: Mapping[str, Any]) -> ViewingCell:
     """The viewing cell of a manifest's entry."""
     (px, py), (qx, qy) = entry["axis"]
     low, high = entry["eye"]
-    return ViewingCell(entry["id"], (px, py), (qx, qy), entry["half_width"], (low, high), entry["street"])
+    return ViewingCell(
+        entry["id"], (px, py), (qx, qy), entry["half_width"], (low, high), entry["street"], entry["rise"]
+    )
 
 
 def captured_view(entry: Mapping[str, Any], sector: int, layer: Mapping[str, Any]) -> View:

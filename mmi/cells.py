@@ -15,6 +15,7 @@ import networkx as nx
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely.geometry import Polygon
 
 from mmi.city import City
 from mmi.errors import CityError, ParameterError
@@ -24,6 +25,7 @@ __all__ = [
     "CLEARANCE",
     "MERGE_TOLERANCE",
     "SHORT_PIECE",
+    "STEEPEST",
     "CellReport",
     "ViewingCell",
     "spread",
@@ -38,6 +40,8 @@ MERGE_TOLERANCE = 1.0
 """The same where it spares a piece shorter than ``SHORT_PIECE``."""
 SHORT_PIECE = 5.0
 """Metres below which a piece is merged with its neighbour in the street if it can be."""
+STEEPEST = 2.0
+"""Metres that the ground may rise along a cell, unless that leaves it shorter than ``SHORT_PIECE``."""
 _NARROWEST = 0.2
 """Metres of half width that a cell needs: where buildings leave less, the street is cut."""
 _REMNANT = 0.5
@@ -51,8 +55,8 @@ class ViewingCell:
     """Where a viewer may be: within ``half_width`` of the axis from ``p`` to ``q``, eyes at heights within ``eye``.
 
     The region is the rectangle that the axis sweeps sideways (no caps at the ends). ``p``, ``q`` are (x, y), ``eye`` is
-    (lowest, highest) in metres in the city's frame. ``id`` names street and piece (``0017-03``), so that it stays when
-    other streets change.
+    (lowest, highest) in metres in the city's frame; where the ground at q is ``rise`` metres higher than at p (or lower),
+    the band reaches over both ends. ``id`` names street and piece (``0017-03``), so that it stays when other streets change.
     """
 
     id: str
@@ -61,6 +65,7 @@ class ViewingCell:
     half_width: float
     eye: tuple[float, float]
     street: str = ""
+    rise: float = 0.0
 
     def __post_init__(self) -> None:
         if not (self.length > 0.0 and math.isfinite(self.length)):
@@ -69,6 +74,10 @@ class ViewingCell:
             raise ParameterError(
                 f"cell {self.id}: a positive half width and an eye band (low, high) expected, "
                 f"found {self.half_width} and {self.eye}"
+            )
+        if not abs(self.rise) <= self.eye[1] - self.eye[0] + 1e-9:
+            raise ParameterError(
+                f"cell {self.id}: an eye band that holds a rise of {self.rise} m expected, found {self.eye}"
             )
 
     @property
@@ -82,6 +91,21 @@ class ViewingCell:
         return np.array(
             [0.5 * (self.p[0] + self.q[0]), 0.5 * (self.p[1] + self.q[1]), 0.5 * (self.eye[0] + self.eye[1])]
         )
+
+    def eye_at(self, t: float) -> tuple[float, float]:
+        """The eye band (lowest, highest) at a share ``t`` of the way from p to q, where the ground rises evenly."""
+        low, high = self.eye
+        middle = 0.5 * (low + high) + (t - 0.5) * self.rise
+        half = 0.5 * max(high - low - abs(self.rise), 0.0)
+        return middle - half, middle + half
+
+    def part(self, start: float, end: float, name: str) -> ViewingCell:
+        """The cell called ``name`` between the shares ``start`` and ``end`` of the way from p to q."""
+        (px, py), (qx, qy) = self.p, self.q
+        p, q = ((px + t * (qx - px), py + t * (qy - py)) for t in (start, end))
+        ends = np.array([self.eye_at(start), self.eye_at(end)])
+        band = (float(ends[:, 0].min()), float(ends[:, 1].max()))
+        return ViewingCell(name, p, q, self.half_width, band, self.street, (end - start) * self.rise)
 
     @property
     def corners(self) -> NDArray[np.float64]:
@@ -152,10 +176,11 @@ def viewing_cells(
 
     Nodes are cell ids in the order of streets and pieces, with attribute ``cell`` (:class:`ViewingCell`);
     ``graph.graph["report"]`` is a :class:`CellReport`. Bent streets become chords within ``CHORD_TOLERANCE`` of the
-    centre line (Douglas & Peucker 1973), chords longer than ``max_length`` metres are split evenly. ``eye`` is a band
-    of heights above the ground, metres. The half width is the street's, at most ``max_half_width``, and shrinks until
-    the cell keeps ``CLEARANCE`` from every prism that stands on the ground (from below the eyes to above the ground).
-    Where there is no room for ``_NARROWEST`` the chord gives way to the centre line, and that is cut as far as needed.
+    centre line (Douglas & Peucker 1973), chords longer than ``max_length`` metres are split evenly, and so are those on
+    which the ground rises by more than ``STEEPEST`` metres. ``eye`` is a band of heights above the ground, metres. The
+    half width is the street's, at most ``max_half_width``, and shrinks until the cell keeps ``CLEARANCE`` from every prism
+    that stands on the ground (from below the eyes to above the ground). Where there is no room for ``_NARROWEST`` the
+    chord gives way to the centre line, and that is cut as far as needed.
 
     Raises ParameterError for options without meaning, CityError for a street without width.
     """
@@ -165,20 +190,12 @@ def viewing_cells(
         raise ParameterError(f"eye heights (low, high) above the ground expected, found {eye!r}")
     if max_half_width is not None and not (math.isfinite(max_half_width) and max_half_width >= _NARROWEST):
         raise ParameterError(f"a half width of at least {_NARROWEST} m expected, found {max_half_width!r}")
-    band = (city.ground + eye[0], city.ground + eye[1])
-    obstacles = shapely.STRtree(
-        [
-            prism.footprint
-            for one in city.objects
-            for prism in one.prisms
-            if prism.bottom < band[1] and prism.top > city.ground
-        ]
-    )
+    obstacles = shapely.STRtree(_obstacles(city, eye[1]))
     joints = itertools.count(city.streets.number_of_nodes())
     streets = _streets(city)
     chords = [piece for street in streets if len(street.points) > 1 for piece in _chords(street, joints)]
     chords, cut_pieces, cut_length = _clear_chords(chords, obstacles, joints)
-    pieces = [part for chord in chords for part in _split(chord, max_length, joints)]
+    pieces = [part for chord in chords for part in _split(chord, _parts(chord, max_length, city), joints)]
 
     axes = np.array([piece.chord for piece in pieces]).reshape(-1, 2, 2)
     wanted = np.array([piece.street.half_width for piece in pieces])
@@ -186,12 +203,14 @@ def viewing_cells(
         wanted = np.minimum(wanted, max_half_width)
     widths = _clear_half_widths(axes, wanted, obstacles)
 
+    bands, rises = _eye_bands(city, axes, widths, eye)
+
     graph = nx.Graph()
     meeting: dict[int, list[str]] = {}
-    for (piece, number), width in zip(_numbered(pieces), widths, strict=True):
+    for (piece, number), width, band, rise in zip(_numbered(pieces), widths, bands, rises, strict=True):
         name = f"{piece.street.index:04d}-{number:02d}"
         (px, py), (qx, qy) = piece.chord.tolist()
-        graph.add_node(name, cell=ViewingCell(name, (px, py), (qx, qy), float(width), band, piece.street.name))
+        graph.add_node(name, cell=ViewingCell(name, (px, py), (qx, qy), float(width), band, piece.street.name, rise))
         for joint in dict.fromkeys((piece.start, piece.end)):
             meeting.setdefault(joint, []).append(name)
     for names in meeting.values():
@@ -381,15 +400,59 @@ def _cut(piece: _Piece, obstacles: NDArray[np.object_], joints: Iterator[int]) -
     return parts
 
 
-def _split(piece: _Piece, max_length: float, joints: Iterator[int]) -> list[_Piece]:
-    """A chord in equal parts of at most ``max_length`` metres."""
-    n = max(1, math.ceil(_length(piece.chord) / max_length - 1e-9))
+def _split(piece: _Piece, n: int, joints: Iterator[int]) -> list[_Piece]:
+    """A chord in ``n`` equal parts."""
     if n == 1:
         return [_Piece(piece.street, piece.chord, piece.start, piece.end)]
     a, b = piece.chord
     stops = a + np.linspace(0.0, 1.0, n + 1)[:, None] * (b - a)
     stops[-1] = b
     return _pieces(piece.street, [stops[k : k + 2] for k in range(n)], piece.start, piece.end, joints)
+
+
+def _parts(piece: _Piece, max_length: float, city: City) -> int:
+    """In how many equal parts a chord is cut: none too long, or too steep."""
+    length = _length(piece.chord)
+    n = max(1, math.ceil(length / max_length - 1e-9))
+    if city.terrain is None:
+        return n
+    a, b = piece.chord
+    ground = city.ground_at(a + np.linspace(0.0, 1.0, max(2, math.ceil(length / 2.0)))[:, None] * (b - a))
+    steepest = float(np.abs(np.diff(ground)).max()) * (len(ground) - 1)
+    return max(n, min(math.ceil(steepest / STEEPEST), math.ceil(length / SHORT_PIECE)))
+
+
+def _obstacles(city: City, eye: float) -> list[Polygon]:
+    """Footprints of all prisms that stand on the ground, or less than ``eye`` metres above it."""
+    prisms = [prism for one in city.objects for prism in one.prisms]
+    if city.terrain is None:
+        return [one.footprint for one in prisms if one.bottom < city.ground + eye and one.top > city.ground]
+    if not prisms:
+        return []
+    low, high = city.terrain.range_over(shapely.bounds([one.footprint for one in prisms]))
+    spans = zip(prisms, low.tolist(), high.tolist(), strict=True)
+    return [one.footprint for one, lowest, highest in spans if one.bottom < highest + eye and one.top > lowest]
+
+
+def _eye_bands(
+    city: City, axes: NDArray[np.float64], widths: NDArray[np.float64], eye: tuple[float, float]
+) -> tuple[list[tuple[float, float]], list[float]]:
+    """Eye bands of cells along ``axes`` (n, 2, 2), and how much higher the ground is at their second end.
+
+    A band holds ``eye`` above the ground anywhere in the cell.
+    """
+    if city.terrain is None:
+        return [(city.ground + eye[0], city.ground + eye[1])] * len(axes), [0.0] * len(axes)
+    ends = city.ground_at(axes)
+    rise = ends[:, 1] - ends[:, 0]
+    along = axes[:, 1] - axes[:, 0]
+    side = np.stack([-along[:, 1], along[:, 0]], axis=1) * (widths / np.hypot(*along.T))[:, None]
+    t, s = np.linspace(0.0, 1.0, 9)[:, None, None, None], np.array([-1.0, 0.0, 1.0])[:, None, None]
+    uneven = city.ground_at(axes[:, 0] + t * along + s * side) - (ends[:, 0] + t[..., 0] * rise)
+    middle = ends.mean(axis=1)
+    low = middle + uneven.min(axis=(0, 1)) - 0.5 * np.abs(rise) + eye[0]
+    high = middle + uneven.max(axis=(0, 1)) + 0.5 * np.abs(rise) + eye[1]
+    return list(zip(low.tolist(), high.tolist(), strict=True)), rise.tolist()
 
 
 def _clear_half_widths(

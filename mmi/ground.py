@@ -5,6 +5,7 @@ Neither belongs to impostors: both are drawn as they are, ground before layers, 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -14,7 +15,9 @@ from shapely.geometry import Polygon
 
 from mmi import facades
 from mmi.city import City
+from mmi.shading import light
 from mmi.surfaces import CityMesh, triangulate
+from mmi.terrain import Terrain
 from mmi.tiles import grid_lines, match_borders, tile_boxes
 
 __all__ = ["GRAIN", "SKY_HORIZON", "SKY_ZENITH", "ground_mesh", "sky_color", "tile_bounds"]
@@ -40,19 +43,26 @@ GRAIN = 12.8
 
 
 def ground_mesh(city: City, *, margin: float, tile: float = 200.0) -> CityMesh:
-    """Flat ground at ``city.ground``, ``margin`` metres beyond the city's bounds, an object a tile.
+    """The ground, ``margin`` metres beyond the city's bounds, an object a tile.
 
     Tiles are rectangles of at most ``tile`` metres a side, row by row from the south-west. Carriageway, kerb, pavement (along
     streets and around buildings) and the rest are polygons cut out of each other: they share their borders and lie in one
-    plane, so nothing flickers. Ground goes on below buildings, and streets are drawn on it even where they are bridges or
-    tunnels.
+    plane, so nothing flickers; on hills they are cut along the terrain's grid, which they follow, and shaded by its slope.
+    Ground goes on below buildings, and streets are drawn on it even where they are bridges or tunnels.
     """
     x0, y0, x1, y1 = city.bounds
     widths = [float(edge.get("half_width", 3.0)) for _, _, edge in city.streets.edges(data=True)]
     border = max([margin, _PAVED + 1.0, *(width + 4.0 for width in widths)])
-    xs, ys = (grid_lines(low - border, high + border, spacing=tile) for low, high in ((x0, x1), (y0, y1)))
+    lines = [grid_lines(low - border, high + border, spacing=tile) for low, high in ((x0, x1), (y0, y1))]
+    if city.terrain is not None:
+        lines = [_lines_of(city.terrain, axis, outer, tile) for axis, outer in enumerate(lines)]
+    xs, ys = lines
     surfaces = _surfaces(city, xs, ys)
     pieces, place = shapely.get_parts(surfaces.ravel(), return_index=True)
+    if city.terrain is not None:
+        xs, ys = (_lines_of(city.terrain, axis, outer, 0.0) for axis, outer in enumerate((xs, ys)))
+        pieces, of_piece = _cut_along(pieces, xs, ys)
+        place = place[of_piece]
     filled = shapely.area(pieces) > 0.0
     points, corners, of = triangulate(pieces[filled])
     of_tile, of_surface = np.divmod(place[filled][of], len(_COLORS))
@@ -64,11 +74,13 @@ def ground_mesh(city: City, *, margin: float, tile: float = 200.0) -> CityMesh:
     place = np.zeros(len(plan), dtype=np.int32)
     place[used] = np.arange(len(used))
     starts = np.append(np.unique(tiles[used]), tiles.max() + 1)
-    colors = np.rint(255.0 * np.array(_COLORS)).astype(np.uint8)
+    colors = 255.0 * np.array(_COLORS)[surface[used]]
+    if city.terrain is not None:
+        colors *= _slope_light(city.terrain, plan[used])
     return CityMesh(
-        positions=np.column_stack([plan[used], np.full(len(used), city.ground)]).astype(np.float32),
+        positions=np.column_stack([plan[used], city.ground_at(plan[used])]).astype(np.float32),
         uv=((plan[used] - (x0, y0)) / GRAIN).astype(np.float32),
-        colors=colors[surface[used]],
+        colors=np.clip(np.rint(colors), 0, 255).astype(np.uint8),
         triangles=place[triangles],
         object_vertices=np.searchsorted(tiles[used], starts),
         object_triangles=np.searchsorted(tiles[triangles[:, 0]], starts),
@@ -77,9 +89,9 @@ def ground_mesh(city: City, *, margin: float, tile: float = 200.0) -> CityMesh:
 
 
 def tile_bounds(ground: CityMesh) -> NDArray[np.float64]:
-    """(n, 4) x0, y0, x1, y1 of each object of ``ground``, metres; none may be empty."""
-    plan, first = ground.positions[:, :2].astype(np.float64), ground.object_vertices[:-1]
-    return np.hstack([np.minimum.reduceat(plan, first), np.maximum.reduceat(plan, first)])
+    """(n, 2, 3) lowest and highest x, y, z of each object of ``ground``, metres; none may be empty."""
+    points, first = ground.positions.astype(np.float64), ground.object_vertices[:-1]
+    return np.stack([np.minimum.reduceat(points, first), np.maximum.reduceat(points, first)], axis=1)
 
 
 def sky_color(directions: ArrayLike) -> NDArray[np.uint8]:
@@ -101,7 +113,7 @@ def _surfaces(city: City, xs: NDArray[np.float64], ys: NDArray[np.float64]) -> N
     tile, line = shapely.STRtree(lines).query(tiles, predicate="dwithin", distance=reach)
     (street_tile, street_width), streets = _bundles(shapely.multilinestrings, lines[line], tile, width[line])
     yards = shapely.get_parts(
-        shapely.simplify([one.footprint for one in city.objects if one.base <= city.ground + _RAISED], 0.5)
+        shapely.simplify([one.footprint for one, up in zip(city.objects, _raised(city), strict=True) if not up], 0.5)
     )
     tile, yard = shapely.STRtree(yards).query(tiles, predicate="dwithin", distance=_PAVED)
     (paved_tile, _), paved = _bundles(shapely.multipolygons, yards[yard], tile, np.zeros_like(tile))
@@ -119,6 +131,52 @@ def _surfaces(city: City, xs: NDArray[np.float64], ys: NDArray[np.float64]) -> N
         inner = outer
     surfaces.append(shapely.difference(tiles, inner))
     return np.stack(surfaces, axis=1)
+
+
+def _raised(city: City) -> NDArray[np.bool_]:
+    """(objects,) which of them do not stand on the ground."""
+    base = np.array([one.base for one in city.objects])
+    if city.terrain is None or not len(base):
+        return base > city.ground + _RAISED
+    _, highest = city.terrain.range_over(shapely.bounds([one.footprint for one in city.objects]))
+    return np.asarray(base > highest + _RAISED)
+
+
+def _lines_of(terrain: Terrain, axis: int, outer: NDArray[np.float64], least: float) -> NDArray[np.float64]:
+    """Lines of the terrain's grid across ``axis`` (0: x), at least ``least`` metres apart, among the first and the last of
+    ``outer``; and those two. What of ``outer`` is between stays.
+    """
+    low, high = terrain.bounds[axis], terrain.bounds[axis + 2]
+    step = terrain.spacing * max(1, math.ceil(least / terrain.spacing))
+    inner = np.arange(low, high + 0.5 * terrain.spacing, step).astype(np.float32).astype(np.float64)
+    inner = inner[(inner > outer[0]) & (inner < outer[-1])]
+    return np.unique(np.concatenate([inner, outer[[0, -1]] if least else outer]))
+
+
+def _cut_along(
+    pieces: NDArray[np.object_], xs: NDArray[np.float64], ys: NDArray[np.float64]
+) -> tuple[NDArray[np.object_], NDArray[np.int64]]:
+    """Polygons (k,) cut along the lines x = ``xs`` and y = ``ys``, and which of ``pieces`` each is a part of."""
+    squares = tile_boxes(xs, ys)
+    tree = shapely.STRtree(squares)
+    inside = tree.query(pieces, predicate="covers")
+    meeting = tree.query(pieces, predicate="intersects")
+    count = len(squares)
+    crossing = np.setdiff1d(meeting[0] * count + meeting[1], inside[0] * count + inside[1])
+    piece, square = np.divmod(crossing, count)
+    parts, of = shapely.get_parts(shapely.intersection(pieces[piece], squares[square]), return_index=True)
+    filled = shapely.get_type_id(parts) == 3
+    return np.concatenate([squares[inside[1]], parts[filled]]), np.concatenate([inside[0], piece[of[filled]]])
+
+
+def _slope_light(terrain: Terrain, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3) how much more or less light the terrain gets at ``points`` (n, 2) than level ground."""
+    step = 0.5 * terrain.spacing
+    east, north = np.array([step, 0.0]), np.array([0.0, step])
+    slopes = [(terrain.at(points + one) - terrain.at(points - one)) / (2.0 * step) for one in (east, north)]
+    normals = np.column_stack([-slopes[0], -slopes[1], np.ones(len(points))])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    return light(normals) / light(np.array([[0.0, 0.0, 1.0]]))
 
 
 def _bundles(

@@ -68,7 +68,7 @@ def package_version() -> str:
 
 
 def _cell_values(cell: ViewingCell) -> list[Any]:
-    return [cell.id, cell.p, cell.q, cell.half_width, cell.eye, cell.street]
+    return [cell.id, cell.p, cell.q, cell.half_width, cell.eye, cell.street, cell.rise]
 
 
 def costs_over_budget(parameters: BuildParameters, entry: Mapping[str, Any]) -> dict[str, tuple[int, int]]:

@@ -82,7 +82,7 @@ def load_cell(scene: Scene, cell: str, *, measured: bool = False, rest: Callable
     harmed = out_of_order(
         [CapturedLayer(one.index, one.view, one.mesh, depths[one.name][0]) for one in pictures],
         max_angle=scene.parameters.max_angle,
-        eye_height=max(entry["reference"][2] - scene.ground_height, 0.0),
+        eye_height=max(scene.above_ground(np.array(entry["reference"])), 0.0),
         solids=scene.mesh.positions[triangles_of(scene.mesh, near)] - np.array(entry["reference"]),
         rest=rest,
     )

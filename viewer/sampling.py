@@ -34,8 +34,9 @@ def random_views(cells: Sequence[ViewingCell], n: int, *, seed: int) -> list[tup
         along = (q - p) / cell.length
         side = np.array([-along[1], along[0]])
         while True:
-            spot = p + rng.uniform(0.0, 1.0) * (q - p) + rng.uniform(-1.0, 1.0) * cell.half_width * side
-            eye = (float(spot[0]), float(spot[1]), float(rng.uniform(*cell.eye)))
+            t = float(rng.uniform(0.0, 1.0))
+            spot = p + t * (q - p) + rng.uniform(-1.0, 1.0) * cell.half_width * side
+            eye = (float(spot[0]), float(spot[1]), float(rng.uniform(*cell.eye_at(t))))
             if math.dist(eye, cell.reference) > 0.0:
                 break
         views.append((cell.id, Pose(eye, float(rng.uniform(-math.pi, math.pi)), 0.0)))

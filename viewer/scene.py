@@ -19,6 +19,7 @@ from mmi.errors import DatasetError
 from mmi.ground import tile_bounds
 from mmi.parameters import BuildParameters
 from mmi.surfaces import CityMesh
+from mmi.terrain import Terrain
 from viewer.frustum import box_corners, window_corners, within_view
 from viewer.technique import Ground
 from viewer.whereabouts import Whereabouts
@@ -57,6 +58,7 @@ class Scene:
     parameters: BuildParameters
     mesh: CityMesh
     ground: CityMesh
+    terrain: Terrain | None
     ground_height: float
     tiles: NDArray[np.float64]
     whereabouts: Whereabouts
@@ -85,18 +87,19 @@ class Scene:
     def ground_in(self, view: View) -> Ground:
         """The tiles of the ground that ``view`` may show.
 
-        Beyond the distance at which the rest of the ground is a line of two pixels below the horizon, none.
+        On flat ground, none beyond the distance at which all the rest of it is a line of two pixels below the horizon.
         """
-        height = max(float(view.eye[2]) - self.ground_height, 0.1)
-        reach = height * view.focal / _FAR_GROUND_PX
-        x, y, _ = view.eye
-        beside = np.maximum(np.maximum(self.tiles[:, 0] - x, x - self.tiles[:, 2]), 0.0)
-        before = np.maximum(np.maximum(self.tiles[:, 1] - y, y - self.tiles[:, 3]), 0.0)
-        close = np.flatnonzero(np.hypot(beside, before) <= reach)
-        level = np.full(len(close), self.ground_height)
-        low = np.column_stack([self.tiles[close, :2], level])
-        high = np.column_stack([self.tiles[close, 2:], level])
-        return Ground(tuple(close[within_view(box_corners(low, high), view)].tolist()))
+        low, high = self.tiles[:, 0], self.tiles[:, 1]
+        close = np.arange(len(low))
+        if self.terrain is None:
+            reach = max(self.above_ground(view.eye), 0.1) * view.focal / _FAR_GROUND_PX
+            away = np.maximum(np.maximum(low - view.eye, view.eye - high), 0.0)
+            close = np.flatnonzero(np.hypot(away[:, 0], away[:, 1]) <= reach)
+        return Ground(tuple(close[within_view(box_corners(low[close], high[close]), view)].tolist()))
+
+    def above_ground(self, eye: NDArray[np.float64]) -> float:
+        """Metres from the ground up to ``eye`` (3,)."""
+        return float(eye[2]) - (self.ground_height if self.terrain is None else float(self.terrain.at(eye)))
 
     def _indices(self, ids: list[str]) -> NDArray[np.int64]:
         try:
@@ -120,14 +123,20 @@ def open_scene(dataset: Dataset, *, name: str, like: Scene | None = None) -> Sce
         raise DatasetError(f"{dataset.path}: the city of {like.dataset.path} expected, found another")
     mesh, ground = (like.mesh, like.ground) if like is not None else read_city_mesh(dataset)
     cells = tuple(stored_cell(entry) for entry in manifest["cells"])
+    if like is None:
+        city = dataset.city()
+        terrain, objects = city.terrain, city.index()
+    else:
+        terrain, objects = like.terrain, dict(like.objects)
     return Scene(
         name=name,
         dataset=dataset,
         parameters=BuildParameters.from_dict(manifest["parameters"]),
         mesh=mesh,
         ground=ground,
+        terrain=terrain,
         ground_height=float(manifest["city"]["ground"]),
         tiles=tile_bounds(ground) if like is None else like.tiles,
         whereabouts=Whereabouts(cells, {entry["id"]: entry["neighbours"] for entry in manifest["cells"]}),
-        objects=dataset.city().index() if like is None else like.objects,
+        objects=objects,
     )

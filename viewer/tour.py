@@ -160,7 +160,7 @@ def tour(
 def _streets(
     cells: Sequence[ViewingCell], neighbours: Mapping[str, Sequence[str]], rng: np.random.Generator
 ) -> _Streets:
-    points = np.array([[(*end, cell.reference[2]) for end in (cell.p, cell.q)] for cell in cells])
+    points = np.array([[(*end, 0.5 * sum(cell.eye_at(t))) for t, end in enumerate((cell.p, cell.q))] for cell in cells])
     ends = nx.Graph()
     for i in range(len(cells)):
         ends.add_edge((i, 0), (i, 1))

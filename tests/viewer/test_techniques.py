@@ -126,9 +126,9 @@ def test_a_jump_is_no_walk_and_does_not_fade(scene):
 
 def test_ground_is_drawn_as_far_as_it_is_more_than_a_line(scene):
     """Tiles beyond eye height times focal length are left out, those near the viewer never are."""
-    low, high = scene.tiles[:, :2].min(axis=0), scene.tiles[:, 2:].max(axis=0)
+    low, high = scene.tiles[:, 0].min(axis=0), scene.tiles[:, 1].max(axis=0)
     near = scene.ground_in(look(scene, 0.0))
-    inside = [i for i, (x0, y0, x1, y1) in enumerate(scene.tiles) if x0 < 10.0 < x1 and y0 < 0.0 < y1]
+    inside = [i for i, ((x0, y0, _), (x1, y1, _)) in enumerate(scene.tiles) if x0 < 10.0 < x1 and y0 < 0.0 < y1]
     assert set(inside) & set(near.tiles)
     far = 1.7 * scene.camera.focal + 5.0
     assert scene.ground_in(look(scene, low[0] - far, 0.5 * (low[1] + high[1]))).tiles == ()
