@@ -44,7 +44,9 @@ class Prism:
             raise CityError(f"a prism needs a valid non-empty polygon, found {shapely.to_wkt(self.footprint, 2)[:120]}")
         if not (np.isfinite(self.bottom) and np.isfinite(self.top) and self.bottom < self.top):
             raise CityError(f"a prism needs finite bottom < top, found bottom {self.bottom!r}, top {self.top!r}")
-        object.__setattr__(self, "footprint", shapely.orient_polygons(shapely.force_2d(self.footprint)))
+        # A wall of no length would have no direction.
+        plan = shapely.remove_repeated_points(shapely.force_2d(self.footprint))
+        object.__setattr__(self, "footprint", shapely.orient_polygons(plan))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -83,12 +83,22 @@ def _build_parser() -> Parser:
         "city",
         type=path_option,
         metavar="CITY",
-        help="OpenStreetMap .osm or .osm.pbf, or footprints in a format that GDAL reads",
+        help="OpenStreetMap .osm or .osm.pbf, footprints in a format that GDAL reads, or a 3D model: CityJSON, CityGML, glTF, "
+        "OBJ",
     )
     parser.add_argument("-o", "--output", type=path_option, required=True, metavar="OUT", help="folder of the dataset")
 
     city = parser.add_argument_group("the city")
     city.add_argument("--streets", type=path_option, metavar="FILE", help="streets, where CITY holds only buildings")
+    city.add_argument(
+        "--terrain", type=path_option, metavar="FILE", help="heights of the ground: raster, points, contours"
+    )
+    city.add_argument(
+        "--lod", metavar="N", help="level of detail of a 3D model (default: the highest of each building)"
+    )
+    city.add_argument(
+        "--up", choices=("auto", "y", "z"), default="auto", help="axis of a mesh that points up (default: auto)"
+    )
     city.add_argument(
         "--crs", metavar="CRS", help="coordinate system, where a file declares none or a wrong one (EPSG:32632)"
     )
@@ -226,6 +236,9 @@ def _build(options: argparse.Namespace) -> None:
         id_column=options.id_column,
         buildings_layer=options.buildings_layer,
         streets_layer=options.streets_layer,
+        terrain=options.terrain,
+        lod=options.lod,
+        up=options.up,
     )
     # Whoever mistypes an option gets one line, not a table before it.
     graph, _ = cells_to_build(city, parameters, cells=options.cells, max_cells=options.max_cells)

@@ -1,12 +1,14 @@
-"""Cities in: OpenStreetMap extracts and GIS files become a :class:`mmi.city.City`, with a report of what was done to them.
+"""Cities in: maps, GIS files and 3D models become a :class:`mmi.city.City`, with a report of what was done to them.
 
 ``read_city`` tells the way from file to city top to bottom: read (``osm``, ``footprints``), agree on a CRS and a local frame
-(``frame``), mend and raise the buildings (``repair``, ``heights``, ``buildings``), knit the streets (``streets``), and account
-for everything (``report``).
+(``frame``), mend and raise the buildings (``repair``, ``heights``, ``buildings``), set them on their ground (``ground``), knit
+the streets (``streets``), and account for everything (``report``). 3D models (``cityjson``, ``citygml``, ``meshes``) have
+meshes instead of outlines, and a way of their own (``model_city``).
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,10 +31,13 @@ from mmi.io.frame import (
     parse_crs,
     to_frame,
 )
+from mmi.io.ground import ground_of_file, raised
+from mmi.io.model_city import city_of_model, is_model, read_model
 from mmi.io.osm import is_osm, read_osm
 from mmi.io.raw import BuildingLayer, StreetLayer
 from mmi.io.report import CityReport, Ledger, Tally
 from mmi.io.streets import graph_from_lines
+from mmi.io.sumo import is_sumo, read_sumo
 
 __all__ = ["CityReport", "Tally", "read_city"]
 
@@ -52,12 +57,16 @@ def read_city(
     id_column: str | None = None,
     buildings_layer: str | None = None,
     streets_layer: str | None = None,
+    terrain: Path | None = None,
+    lod: str | None = None,
+    up: str = "auto",
 ) -> tuple[City, CityReport]:
     """Read the buildings and streets of ``path`` (streets from ``streets`` if given) into a local metric frame.
 
     Args:
-        path: OpenStreetMap ``.osm`` or ``.osm.pbf``, a file that GDAL reads, or a folder of those.
-        streets: a second file of any of these formats.
+        path: OpenStreetMap ``.osm`` or ``.osm.pbf``, a file that GDAL reads, a folder of those, or a 3D model: CityJSON
+            (also a sequence), CityGML, glTF, OBJ, PLY, STL.
+        streets: a second file, a map or GIS file as above, or a SUMO network.
         crs: replaces the CRS that a file declares or lacks (never OpenStreetMap's).
         network: which streets: ``drive`` (cars), ``walk``, ``all``.
         objects: ``buildings``, or ``blocks`` of touching buildings.
@@ -67,21 +76,50 @@ def read_city(
         id_column: column of ids that stay the same when the file changes.
         buildings_layer: layer of buildings, or several with commas between.
         streets_layer: layer of streets, or several with commas between.
+        terrain: a raster, points or contour lines with the heights of the ground; else flat, or what a model says.
+        lod: level of detail of a model's buildings (``"1"``, ``"2.2"``); else the highest of each.
+        up: the axis of a mesh that points up: ``y``, ``z`` or ``auto``.
 
     Returns:
-        The city, ground at height 0, and the account of everything that was read.
+        The city and the account of everything that was read.
 
     Raises:
         CityError: the files do not hold a usable city; one line says what was found, where, and what to do.
         ParameterError: an option means nothing.
     """
-    _check_options(network, objects, clip)
+    _check_options(network, objects, clip, lod, up)
     override = None if crs is None else parse_crs(crs)
-    for file in (path, streets):
+    for file in (path, streets, terrain):
         if file is not None and not file.exists():
             raise CityError(f"{file}: no such file or folder")
     ledger = Ledger()
+    columns = {
+        "--buildings-layer": buildings_layer,
+        "--height-column": height_column,
+        "--levels-column": levels_column,
+        "--id-column": id_column,
+    }
     try:
+        if is_model(_the_file(path)):
+            _check_model_options(path, columns, objects)
+            layer = read_model(_the_file(path), ledger, lod=lod, up=up)
+            own_metres = layer.crs is None and override is None
+            lines = (
+                None if streets is None else _read_streets(path, streets, ledger, layer=streets_layer, local=own_metres)
+            )
+            city = city_of_model(
+                layer,
+                lines,
+                ledger,
+                source=path.name,
+                network=network,
+                override=override,
+                clip=clip,
+                terrain=terrain,
+            )
+            return city, _accounted(city, ledger)
+        if lod is not None:
+            raise ParameterError(f"--lod: a 3D model expected, found {path}")
         buildings = _read_buildings(
             path,
             ledger,
@@ -104,11 +142,13 @@ def read_city(
 
     shapes = to_frame([item.geometry for item in buildings.items], building_crs, frame)
     solids = objects_from_outlines(buildings, shapes, ledger, ground=_GROUND)
+    relief = None if terrain is None else ground_of_file(terrain, frame, coordinate_bounds(list(shapes)), ledger)
+    if relief is not None:
+        solids = raised(solids, relief)
     ledger.note("kept", "buildings", count=len(solids))
     if objects == "blocks":
         solids = merge_blocks(solids, ledger)
         ledger.note("kept", "objects (blocks)", count=len(solids))
-    ledger.note("kept", "prisms", count=sum(len(one.prisms) for one in solids))
 
     flat = to_frame([line for item in lines.items for line in item.lines], street_crs, frame)
     ends = np.cumsum([len(item.lines) for item in lines.items])
@@ -118,20 +158,46 @@ def read_city(
         solids,
         ledger,
         network=network,
-        ground=_GROUND,
+        ground=_GROUND if relief is None else relief,
         window=None if clip is None else box_to_frame(clip, frame),
     )
-    metres = sum(edge["geometry"].length for _, _, edge in graph.edges(data=True))
-    ledger.note("kept", "street edges between junctions", count=graph.number_of_edges(), metres=metres)
-    city = City(solids, graph, frame.crs, frame.origin, path.name, _GROUND)
-    return city, ledger.report(source=path.name, crs=frame.crs, origin=frame.origin)
+    city = City(solids, graph, frame.crs, frame.origin, path.name, _GROUND, relief)
+    return city, _accounted(city, ledger)
 
 
-def _check_options(network: str, objects: str, clip: Box | None) -> None:
+def _accounted(city: City, ledger: Ledger) -> CityReport:
+    """The report, with what the city consists of."""
+    metres = sum(edge["geometry"].length for _, _, edge in city.streets.edges(data=True))
+    ledger.note("kept", "prisms", count=sum(len(one.prisms) for one in city.objects))
+    triangles = sum(len(one.mesh.triangles) for one in city.objects if one.mesh is not None)
+    if triangles:
+        ledger.note("kept", "buildings", count=len(city.objects))
+        ledger.note("kept", "triangles", count=triangles)
+    if city.textures:
+        ledger.note("kept", "pictures", count=len(city.textures))
+    ledger.note("kept", "street edges between junctions", count=city.streets.number_of_edges(), metres=metres)
+    return ledger.report(source=city.source, crs=city.crs, origin=city.origin)
+
+
+def _check_model_options(path: Path, columns: dict[str, str | None], objects: str) -> None:
+    for option, value in columns.items():
+        if value is not None:
+            raise ParameterError(
+                f"{option}: {path} is a 3D model, which has neither layers nor columns; found {value!r}"
+            )
+    if objects == "blocks":
+        raise ParameterError(f"--objects: buildings expected, as {path} is a 3D model, found 'blocks'")
+
+
+def _check_options(network: str, objects: str, clip: Box | None, lod: str | None, up: str) -> None:
     if network not in {"drive", "walk", "all"}:
         raise ParameterError(f"--network: expected drive, walk or all, found {network!r}")
     if objects not in {"buildings", "blocks"}:
         raise ParameterError(f"--objects: expected buildings or blocks, found {objects!r}")
+    if lod is not None and not re.fullmatch(r"[0-4](\.[0-9])?", lod):
+        raise ParameterError(f"--lod: a level of detail such as 2 or 1.3 expected, found {lod!r}")
+    if up not in {"auto", "y", "z"}:
+        raise ParameterError(f"--up: expected auto, y or z, found {up!r}")
     if clip is not None:
         west, south, east, north = clip
         if not (-180 <= west < east <= 180 and -90 <= south < north <= 90):
@@ -139,13 +205,16 @@ def _check_options(network: str, objects: str, clip: Box | None) -> None:
 
 
 def _the_file(path: Path) -> Path:
-    """``path``, or the one OpenStreetMap file in a folder that holds nothing else to read."""
+    """``path``, or the one OpenStreetMap file or 3D model in a folder that holds nothing else to read."""
     if not path.is_dir():
         return path
     inside = sorted(one for one in path.iterdir() if one.is_file())
     extracts = [one for one in inside if one.name.lower().endswith((".osm", ".pbf"))]
     alone = len(extracts) == 1 and not any(one.suffix.lower() in GDAL_SUFFIXES for one in inside)
-    return extracts[0] if alone else path
+    if alone:
+        return extracts[0]
+    models = [one for one in inside if is_model(one)]
+    return models[0] if len(models) == 1 else path
 
 
 def _read_buildings(
@@ -191,19 +260,31 @@ def _read_buildings(
 
 
 def _read_streets(
-    path: Path, streets: Path | None, ledger: Ledger, *, layer: str | None, buildings: BuildingLayer
+    path: Path,
+    streets: Path | None,
+    ledger: Ledger,
+    *,
+    layer: str | None,
+    buildings: BuildingLayer | None = None,
+    local: bool = False,
 ) -> StreetLayer:
-    """The streets of ``streets``, or of ``path``: at least one line."""
+    """The streets of ``streets``, or of ``path``: at least one line. ``local``: a SUMO network keeps its own metres."""
     file = _the_file(path if streets is None else streets)
     found: StreetLayer | None
     if file.is_file() and is_osm(file):
         if layer is not None:
             raise ParameterError(f"--streets-layer: {file} is OpenStreetMap, which has no layers; found {layer!r}")
         _, found = read_osm(file, ledger, buildings=False, streets=True)
+    elif file.is_file() and is_sumo(file):
+        if layer is not None:
+            raise ParameterError(f"--streets-layer: {file} is a SUMO network, which has no layers; found {layer!r}")
+        found = read_sumo(file, ledger, local=local)
     else:
         found = read_street_lines(file, ledger, layer=layer)
     if found is None or not found.items:
-        also = any("height" in item.tags or "building:levels" in item.tags for item in buildings.items)
+        also = buildings is None or any(
+            "height" in item.tags or "building:levels" in item.tags for item in buildings.items
+        )
         nor = "" if also else ", nor has any building a height (--height-column, --levels-column)"
         raise CityError(
             f"{file}: no streets: no line layer or highways in it{nor}; expected them here or as --streets FILE"

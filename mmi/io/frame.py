@@ -24,7 +24,7 @@ from mmi.io.raw import BuildingLayer, StreetLayer
 
 __all__ = [
     "Box", "Frame", "agree_on_crs", "box_to_frame", "check_not_swapped", "choose_frame", "coordinate_bounds", "lonlat_bounds",
-    "meets_box", "parse_crs", "to_frame",
+    "meets_box", "parse_crs", "points_to_frame", "to_frame",
 ]  # fmt: skip
 
 Box = tuple[float, float, float, float]
@@ -324,6 +324,12 @@ def to_frame(geometries: Sequence[BaseGeometry], crs: pyproj.CRS, frame: Frame) 
 
     flat = shapely.force_2d(np.asarray(geometries, dtype=object))
     return np.asarray(shapely.transform(flat, move), dtype=object)
+
+
+def points_to_frame(points: NDArray[np.float64], crs: pyproj.CRS | None, frame: Frame) -> NDArray[np.float64]:
+    """Points (n, 3) from ``crs`` (None: the frame's own units) into ``frame``; heights stay as they are."""
+    plan = points[:, :2] if crs is None else _transform(crs, pyproj.CRS.from_user_input(frame.crs), points[:, :2])
+    return np.column_stack([plan, points[:, 2]]) - np.array(frame.origin)
 
 
 def box_to_frame(box: Box, frame: Frame) -> Polygon:

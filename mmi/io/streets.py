@@ -24,6 +24,7 @@ from mmi.errors import CityError
 from mmi.io.heights import parse_metres
 from mmi.io.raw import RawStreet, StreetLayer, is_yes
 from mmi.io.report import Ledger
+from mmi.terrain import Terrain
 
 __all__ = ["graph_from_lines", "half_width", "refusal", "street_kind"]
 
@@ -120,7 +121,7 @@ def graph_from_lines(
     ledger: Ledger,
     *,
     network: str,
-    ground: float,
+    ground: Terrain | float,
     window: BaseGeometry | None,
 ) -> nx.MultiGraph:
     """The street graph of ``City.streets``. ``shapes`` are the lines of ``layer.items`` in metres.
@@ -272,13 +273,20 @@ def _metres_by_street(pieces: Iterable[_Piece]) -> dict[int, float]:
 
 
 def _cut_at_objects(
-    pieces: list[_Piece], used: Sequence[RawStreet], objects: Sequence[CityObject], ledger: Ledger, *, ground: float
+    pieces: list[_Piece],
+    used: Sequence[RawStreet],
+    objects: Sequence[CityObject],
+    ledger: Ledger,
+    *,
+    ground: Terrain | float,
 ) -> list[_Piece]:
     """What of the pieces lies outside the objects that leave no headroom."""
     if not pieces:
         return pieces
-    low = [prism.footprint for one in objects for prism in one.prisms if prism.bottom < ground + _HEADROOM]
-    walls = np.array(low, dtype=object)
+    prisms = [prism for one in objects for prism in one.prisms]
+    walls = np.array([prism.footprint for prism in prisms], dtype=object)
+    below = ground.range_over(shapely.bounds(walls))[1] if isinstance(ground, Terrain) else np.full(len(walls), ground)
+    walls = walls[np.array([prism.bottom for prism in prisms]) < below + _HEADROOM]
     shapes = np.array([piece.line for piece in pieces], dtype=object)
     hit, by = shapely.STRtree(walls).query(shapes, predicate="intersects")
     blockers: dict[int, list[int]] = {}
