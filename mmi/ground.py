@@ -37,6 +37,8 @@ _STRIPES: tuple[tuple[float, _Color], ...] = (
 _GRASS: _Color = (0.63, 0.64, 0.56)
 _COLORS = (*(color for _, color in _STRIPES), _GRASS)
 _PAVED = 7.0  # metres of pavement around buildings
+_ON_FOOT = frozenset({"pedestrian", "footway", "path", "steps"})
+"""Kinds of streets that are pavement all across."""
 _RAISED = 1.0  # metres above ground from which nothing stands on it
 GRAIN = 12.8
 """Metres that the ground's texture covers."""
@@ -106,7 +108,7 @@ def _surfaces(city: City, xs: NDArray[np.float64], ys: NDArray[np.float64]) -> N
     Streets of one width are widened tile by tile, all that come near it at a time: that is quicker than one by one.
     """
     tiles = tile_boxes(xs, ys)
-    edges = [edge for _, _, edge in city.streets.edges(data=True)]
+    edges = [edge for _, _, edge in city.streets.edges(data=True) if edge.get("kind") not in _ON_FOOT]
     lines = np.array([edge["geometry"] for edge in edges], dtype=object)
     widths, width = np.unique([float(edge.get("half_width", 3.0)) for edge in edges], return_inverse=True)
     reach = widths.max(initial=0.0) + _STRIPES[-1][0]
@@ -115,6 +117,7 @@ def _surfaces(city: City, xs: NDArray[np.float64], ys: NDArray[np.float64]) -> N
     yards = shapely.get_parts(
         shapely.simplify([one.footprint for one, up in zip(city.objects, _raised(city), strict=True) if not up], 0.5)
     )
+    yards = np.concatenate([yards, _walks(city)])
     tile, yard = shapely.STRtree(yards).query(tiles, predicate="dwithin", distance=_PAVED)
     (paved_tile, _), paved = _bundles(shapely.multipolygons, yards[yard], tile, np.zeros_like(tile))
     surfaces: list[NDArray[np.object_]] = []
@@ -131,6 +134,14 @@ def _surfaces(city: City, xs: NDArray[np.float64], ys: NDArray[np.float64]) -> N
         inner = outer
     surfaces.append(shapely.difference(tiles, inner))
     return np.stack(surfaces, axis=1)
+
+
+def _walks(city: City) -> NDArray[np.object_]:
+    """Polygons of streets that are pavement: what ``_PAVED`` around them makes as wide as they are."""
+    edges = [edge for _, _, edge in city.streets.edges(data=True) if edge.get("kind") in _ON_FOOT]
+    lines = np.array([edge["geometry"] for edge in edges], dtype=object)
+    wide = np.array([max(float(edge.get("half_width", 3.0)) - _PAVED, 0.05) for edge in edges])
+    return np.asarray(shapely.get_parts(shapely.buffer(lines, wide, quad_segs=2)), dtype=object)
 
 
 def _raised(city: City) -> NDArray[np.bool_]:

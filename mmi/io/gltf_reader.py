@@ -25,6 +25,7 @@ from mmi.errors import CityError
 from mmi.io.gltf_buffers import GltfFile, open_gltf
 from mmi.io.pictures import PictureShelf
 from mmi.io.raw import ModelLayer, RawModel, RawStreet
+from mmi.io.raw_meshes import joined_meshes, placed_corners
 from mmi.io.report import Ledger
 from mmi.srgb import srgb_from_linear
 
@@ -58,7 +59,8 @@ def read_gltf(path: Path, ledger: Ledger) -> ModelLayer:
     try:
         gltf = open_gltf(path, ledger)
         _refuse_extensions(path, gltf.document)
-        return _Reading(path, gltf, ledger).layer()
+        with np.errstate(all="ignore"):  # what becomes infinite is dropped, and counted
+            return _Reading(path, gltf, ledger).layer()
     except CityError as error:
         if str(path) in str(error):
             raise
@@ -181,12 +183,9 @@ class _Reading:
         matrix: NDArray[np.float64],
         name: str,
     ) -> TriangleMesh:
-        """A primitive with its looks; triangles with corners that are no numbers are dropped."""
-        sound = np.isfinite(points).all(axis=1)
-        if not sound.all():
-            keep = sound[triangles].all(axis=1)
-            self.ledger.note("left out", "triangle: coordinates that are no numbers", name, count=int((~keep).sum()))
-            triangles, points = triangles[keep], np.where(sound[:, None], points, 0.0)
+        """A primitive with its looks; triangles with corners that have no place are dropped."""
+        points, keep = placed_corners(points, triangles, name, self.ledger)
+        triangles = triangles[keep]
         if np.linalg.det(matrix[:3, :3]) < 0.0:
             triangles = triangles[:, ::-1]
         m = len(triangles)
@@ -251,20 +250,6 @@ class _Reading:
             self.ledger.note("noted", "picture that clamps or mirrors at its edges: repeated instead", name)
         data = self.gltf.image(int(source))
         return None if data is None else self.shelf.place(data, name, alpha=alpha)
-
-
-def joined_meshes(parts: list[TriangleMesh]) -> TriangleMesh:
-    """One mesh of several."""
-    if len(parts) == 1:
-        return parts[0]
-    offsets = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
-    return TriangleMesh(
-        np.concatenate([part.vertices for part in parts]),
-        np.concatenate([part.triangles + offset for part, offset in zip(parts, offsets, strict=True)]),
-        np.concatenate([part.textures for part in parts]),
-        np.concatenate([part.colors for part in parts]),
-        np.concatenate([part.uv for part in parts]),
-    )
 
 
 def _name(node: dict[str, Any], index: int) -> str:
@@ -335,7 +320,7 @@ def _transformed(uv: NDArray[np.float64], transform: tuple[float, float, float, 
 
 def _crs_from_extras(text: object) -> pyproj.CRS | None:
     """The CRS that ``asset.extras.crs`` names."""
-    if not isinstance(text, str) or not text:
+    if not isinstance(text, str) or text in ("", "local"):
         return None
     try:
         return pyproj.CRS.from_user_input(text)

@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from mmi.city import TriangleMesh
 from mmi.surfaces import triangulate
 
-__all__ = ["NAMES", "Defect", "check_mesh", "check_solid", "check_surfaces", "is_closed", "volume", "weld"]
+__all__ = ["NAMES", "Defect", "Surface", "check_mesh", "check_solid", "check_surfaces", "is_closed", "volume", "weld"]
 
 NAMES = MappingProxyType({
     101: "TOO_FEW_POINTS", 102: "CONSECUTIVE_POINTS_SAME", 104: "RING_SELF_INTERSECTION", 201: "INTERSECTION_RINGS",
@@ -36,6 +36,7 @@ NAMES = MappingProxyType({
 
 _OFF_PLANE = 0.01  # metres
 _BENT = np.cos(np.radians(20.0))
+_NO_AREA = 1e-9  # square metres
 _TOUCH = 0.001  # metres: surfaces that come no deeper into each other only touch
 _SLIVER = 0.001  # metres: the normal of a thinner triangle says nothing
 _REASONS = MappingProxyType({
@@ -58,24 +59,27 @@ class Defect:
 class _Faces:
     """Polygons as corners one after the other; a ring is a run of corners, a polygon a run of rings, outer ring first.
 
-    ``vertex`` (k,) of each corner, welded; ``points`` (k, 3) metres, of corners, relative to the first; ``ring`` (k,) of
-    each corner; ``following`` (k,) the next corner in its ring; ``polygon`` (r,) of each ring; ``outer`` (r,) which rings
-    are; ``number`` (r,) of each ring within its polygon.
+    Of each corner (k,): ``vertex``, welded; ``points`` (k, 3) metres, relative to the first corner; ``flat`` (k, 2) the same
+    in the plane of its polygon, seen from outside; ``ring``; ``following``, the next corner in its ring.
+    Of each ring (r,): ``polygon``; ``number`` within it, 0 the outer; ``area`` (r, 3) twice its area along its normal.
+    Of each polygon (p,): ``mean`` (p, 3) of its corners; ``normal`` (p, 3) of its outer ring, 0 where that has no area.
     """
 
     vertex: NDArray[np.int64]
     points: NDArray[np.float64]
+    flat: NDArray[np.float64]
     ring: NDArray[np.int64]
     following: NDArray[np.int64]
     polygon: NDArray[np.int64]
-    outer: NDArray[np.bool_]
     number: NDArray[np.int64]
-    polygons: int
+    area: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    normal: NDArray[np.float64]
 
 
 def weld(vertices: ArrayLike) -> NDArray[np.int64]:
-    """(n,) for each of ``vertices`` (n, 3) the number of its place: equal coordinates, equal numbers, from 0 without gaps."""
-    points = np.asarray(vertices).reshape(-1, 3)
+    """(n,) for each of ``vertices`` (n, d) the number of its place: equal coordinates, equal numbers, from 0 without gaps."""
+    points = np.asarray(vertices)
     order = np.lexsort(points.T)
     new = np.ones(len(points), dtype=bool)
     new[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)
@@ -127,12 +131,11 @@ def check_solid(
     for number, surfaces in enumerate(shells):
         place = f"{where}: shell {number}" if where else f"shell {number}"
         faces = _faces(vertices, surfaces)
-        defects = _ring_defects(faces, place) + _polygon_defects(faces, place)
+        defects = _surface_defects(faces, place)
         if not defects:
             defects = _shell_defects(faces, place, self_intersections)
         if not defects:
-            area = _newell(faces)
-            enclosed = (_means(faces)[faces.polygon] * area).sum() / 6.0
+            enclosed = (faces.mean[faces.polygon] * faces.area).sum() / 6.0
             if (enclosed < 0.0) == (number == 0):
                 defects = [_defect(405, place)]
         found += defects
@@ -141,12 +144,22 @@ def check_solid(
 
 def check_surfaces(vertices: ArrayLike, surfaces: Sequence[Surface], *, where: str = "") -> list[Defect]:
     """Defects of polygons that need not enclose anything: codes 101 to 208."""
-    faces = _faces(vertices, surfaces)
-    return _ring_defects(faces, where) + _polygon_defects(faces, where)
+    return _surface_defects(_faces(vertices, surfaces), where)
 
 
 def _defect(code: int, *places: str) -> Defect:
     return Defect(code, NAMES[code], ", ".join(place for place in places if place))
+
+
+def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """np.cross for (n, 3), which is slow for few."""
+    result: NDArray[np.float64] = a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
+    return result
+
+
+def _length(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3) -> (n,)"""
+    return np.asarray(np.sqrt((vectors * vectors).sum(axis=1)))
 
 
 def _faces(vertices: ArrayLike, surfaces: Sequence[Surface]) -> _Faces:
@@ -155,56 +168,33 @@ def _faces(vertices: ArrayLike, surfaces: Sequence[Surface]) -> _Faces:
     lengths = np.array([len(ring) for ring in rings], dtype=np.int64)
     corners = np.array([index for ring in rings for index in ring], dtype=np.int64)
     points = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)[corners]
-    ends = np.cumsum(lengths)
+    vertex = weld(points)
+    points = points - points[:1]
+    starts = np.cumsum(lengths) - lengths
     following = np.arange(1, len(corners) + 1)
-    following[ends[lengths > 0] - 1] = (ends - lengths)[lengths > 0]
+    following[(starts + lengths)[lengths > 0] - 1] = starts[lengths > 0]
+    ring = np.repeat(np.arange(len(rings)), lengths)
+    polygon = np.repeat(np.arange(len(surfaces)), counts)
     number = np.arange(len(rings)) - np.repeat(np.cumsum(counts) - counts, counts)
-    return _Faces(
-        vertex=weld(points),
-        points=points - points[:1],
-        ring=np.repeat(np.arange(len(rings)), lengths),
-        following=following,
-        polygon=np.repeat(np.arange(len(surfaces)), counts),
-        outer=number == 0,
-        number=number,
-        polygons=len(surfaces),
-    )
+    of = polygon[ring]
+
+    start = points[starts[ring]]
+    area = _sums(_cross(points - start, points[following] - start), ring, len(rings))
+    mean = _sums(points, of, len(surfaces)) / np.maximum(np.bincount(of, minlength=len(surfaces)), 1)[:, None]
+    normal = np.zeros((len(surfaces), 3))
+    normal[polygon[number == 0]] = area[number == 0]
+    size = _length(normal)[:, None]
+    normal = np.where(size > _NO_AREA, normal / np.maximum(size, _NO_AREA), 0.0)
+    u = _cross(np.eye(3)[np.abs(normal).argmin(axis=1)], normal)
+    u /= np.maximum(_length(u), 1e-9)[:, None]
+    offset = points - mean[of]
+    flat = np.stack([(offset * u[of]).sum(axis=1), (offset * _cross(normal, u)[of]).sum(axis=1)], axis=1)
+    return _Faces(vertex, points, flat, ring, following, polygon, number, area, mean, normal)
 
 
-def _newell(faces: _Faces) -> NDArray[np.float64]:
-    """(r, 3) twice the area of each ring along its normal."""
-    start = np.searchsorted(faces.ring, faces.ring)  # the first corner of each corner's ring
-    a, b = faces.points - faces.points[start], faces.points[faces.following] - faces.points[start]
-    area = np.zeros((len(faces.polygon), 3))
-    np.add.at(area, faces.ring, np.cross(a, b))
-    return area
-
-
-def _means(faces: _Faces) -> NDArray[np.float64]:
-    """(p, 3) mean corner of each polygon."""
-    polygon = faces.polygon[faces.ring]
-    total = np.zeros((faces.polygons, 3))
-    np.add.at(total, polygon, faces.points)
-    return total / np.maximum(np.bincount(polygon, minlength=faces.polygons), 1)[:, None]
-
-
-def _normals(faces: _Faces) -> NDArray[np.float64]:
-    """(p, 3) unit normal of each polygon, by its outer ring; 0 where that has no area."""
-    normal = np.zeros((faces.polygons, 3))
-    normal[faces.polygon[faces.outer]] = _newell(faces)[faces.outer]
-    size = np.linalg.norm(normal, axis=1, keepdims=True)
-    return np.where(size > 1e-9, normal / np.maximum(size, 1e-9), 0.0)
-
-
-def _flattened(faces: _Faces, normal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(k, 2) corners in the plane of their polygon, seen from outside."""
-    axis = np.eye(3)[np.abs(normal).argmin(axis=1)]
-    u = np.cross(axis, normal)
-    u /= np.maximum(np.linalg.norm(u, axis=1, keepdims=True), 1e-9)
-    v = np.cross(normal, u)
-    polygon = faces.polygon[faces.ring]
-    offset = faces.points - _means(faces)[polygon]
-    return np.stack([(offset * u[polygon]).sum(axis=1), (offset * v[polygon]).sum(axis=1)], axis=1)
+def _sums(values: NDArray[np.float64], group: NDArray[np.int64], groups: int) -> NDArray[np.float64]:
+    """(n, 3) -> (groups, 3)"""
+    return np.stack([np.bincount(group, weights=column, minlength=groups) for column in values.T], axis=1)
 
 
 # ---------------------------------------------------------------------------------------------- rings and polygons
@@ -213,95 +203,84 @@ def _flattened(faces: _Faces, normal: NDArray[np.float64]) -> NDArray[np.float64
 def _bad_rings(faces: _Faces) -> NDArray[np.int64]:
     """(r,) the code of what is wrong with each ring, or 0."""
     code = np.zeros(len(faces.polygon), dtype=np.int64)
-    count = np.bincount(faces.ring, minlength=len(code))
-    same = faces.vertex == faces.vertex[faces.following]
-    code[faces.ring[same]] = 102
-    code[count < 3] = 101
-    good = code == 0
-    rings, flat = _lines(faces, good)
-    simple = np.ones(len(code), dtype=bool)
-    simple[np.flatnonzero(good)] = shapely.is_simple(rings) if len(flat) else True
-    area = np.linalg.norm(_newell(faces), axis=1)
-    code[good & (~simple | (area < 1e-9))] = 104
+    code[faces.ring[faces.vertex == faces.vertex[faces.following]]] = 102
+    code[np.bincount(faces.ring, minlength=len(code)) < 3] = 101
+    good = np.flatnonzero(code == 0)
+    simple = shapely.is_simple(_lines(faces, code == 0))
+    code[good[~simple | (_length(faces.area[good]) < _NO_AREA)]] = 104
     return code
 
 
-def _lines(faces: _Faces, chosen: NDArray[np.bool_]) -> tuple[NDArray[np.object_], NDArray[np.float64]]:
-    """The chosen rings as linear rings in their polygon's plane, and their corners (k', 2)."""
+def _lines(faces: _Faces, chosen: NDArray[np.bool_]) -> NDArray[np.object_]:
+    """The chosen rings (r,) in their polygon's plane."""
+    if not chosen.any():
+        return np.empty(0, dtype=object)
     keep = chosen[faces.ring]
-    flat = _flattened(faces, _normals(faces))[keep]
-    if not len(flat):
-        return np.empty(0, dtype=object), flat
-    renumbered = (np.cumsum(chosen) - 1)[faces.ring[keep]]
-    return shapely.linearrings(flat, indices=renumbered), flat
+    return np.asarray(shapely.linearrings(faces.flat[keep], indices=(np.cumsum(chosen) - 1)[faces.ring[keep]]))
 
 
-def _ring_defects(faces: _Faces, where: str) -> list[Defect]:
-    code = _bad_rings(faces)
-    return [_defect(int(code[i]), where, _place(faces, i)) for i in np.flatnonzero(code)]
+def _surface_defects(faces: _Faces, where: str) -> list[Defect]:
+    rings = _bad_rings(faces)
+    whole = np.bincount(faces.polygon, minlength=len(faces.mean)) > 0
+    whole[faces.polygon[rings > 0]] = False
+    polygons = _bad_polygons(faces, whole)
+    places = [(rings[i], f"surface {faces.polygon[i]}, ring {faces.number[i]}") for i in np.flatnonzero(rings)]
+    places += [(polygons[i], f"surface {i}") for i in np.flatnonzero(polygons)]
+    return [_defect(int(code), where, place) for code, place in places]
 
 
-def _place(faces: _Faces, ring: int) -> str:
-    return f"surface {faces.polygon[ring]}, ring {faces.number[ring]}"
-
-
-def _polygon_defects(faces: _Faces, where: str) -> list[Defect]:
-    """What is wrong with polygons whose rings are whole."""
-    code = np.zeros(faces.polygons, dtype=np.int64)
-    whole = np.ones(faces.polygons, dtype=bool)
-    whole[faces.polygon[_bad_rings(faces) > 0]] = False
-    whole[np.bincount(faces.polygon, minlength=faces.polygons) == 0] = False
-    normal = _normals(faces)
+def _bad_polygons(faces: _Faces, whole: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(p,) the code of what is wrong with each polygon whose rings are ``whole``, or 0."""
+    code = np.zeros(len(faces.mean), dtype=np.int64)
     polygon = faces.polygon[faces.ring]
-    off = np.abs(((faces.points - _means(faces)[polygon]) * normal[polygon]).sum(axis=1))
+    off = np.abs(((faces.points - faces.mean[polygon]) * faces.normal[polygon]).sum(axis=1))
     code[polygon[off > _OFF_PLANE]] = 203
-    area = _newell(faces)
-    against = (area * normal[faces.polygon]).sum(axis=1) > 0.0
-    code[faces.polygon[~faces.outer & against]] = 208
-    # Triangles and polygons without holes are whole when their ring is.
-    holed = np.zeros(faces.polygons, dtype=bool)
-    holed[faces.polygon[~faces.outer]] = True
-    for i in np.flatnonzero(whole & holed & (code == 0)):
-        own = _lines(faces, faces.polygon == i)[0]
-        reason = shapely.is_valid_reason(shapely.Polygon(own[0], list(own[1:])))
-        if reason != "Valid Geometry":
-            code[i] = next((number for text, number in _REASONS.items() if reason.startswith(text)), 201)
-    code[_bent(faces, normal, whole & (code == 0))] = 204
+    inner = faces.number > 0
+    alike = (faces.area * faces.normal[faces.polygon]).sum(axis=1) > 0.0
+    code[faces.polygon[inner & alike]] = 208
+    for i in np.unique(faces.polygon[inner]):
+        if whole[i] and code[i] == 0:
+            rings = _lines(faces, faces.polygon == i)
+            reason = shapely.is_valid_reason(shapely.Polygon(rings[0], list(rings[1:])))
+            if reason != "Valid Geometry":
+                code[i] = next((number for text, number in _REASONS.items() if reason.startswith(text)), 201)
+    code[_bent(faces, whole & (code == 0))] = 204
     code[~whole] = 0
-    return [_defect(int(code[i]), where, f"surface {i}") for i in np.flatnonzero(code)]
+    return code
 
 
-def _bent(faces: _Faces, normal: NDArray[np.float64], chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _bent(faces: _Faces, chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Which of the chosen polygons have a triangle that leans away from them."""
-    corners = np.bincount(faces.polygon[faces.ring], minlength=faces.polygons)
-    chosen = chosen & (corners > 3)
-    triangles, of = _triangles(faces, chosen)
-    p, q, r = np.moveaxis(faces.points[triangles], 1, 0)
-    cross = np.cross(q - p, r - p)
-    size = np.linalg.norm(cross, axis=1)
-    longest = np.sqrt(np.maximum.reduce([((x - y) ** 2).sum(axis=1) for x, y in ((p, q), (q, r), (r, p))]))
-    thick = size > _SLIVER * longest
-    return of[thick & ((cross * normal[of]).sum(axis=1) < _BENT * size)]
+    corners = np.bincount(faces.polygon[faces.ring], minlength=len(chosen))
+    triangles, of = _triangles(faces, chosen & (corners > 3))
+    p, q, r = (faces.points[triangles[:, k]] for k in range(3))
+    cross = _cross(q - p, r - p)
+    size = _length(cross)
+    longest = np.maximum.reduce([_length(p - q), _length(q - r), _length(r - p)])
+    leans = (cross * faces.normal[of]).sum(axis=1) < _BENT * size
+    return of[leans & (size > _SLIVER * longest)]
 
 
 def _triangles(faces: _Faces, chosen: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Triangles (m, 3) of corners that fill the chosen polygons, and the polygon of each (m,)."""
-    if not chosen.any():
-        return np.empty((0, 3), dtype=np.int64), np.empty(0, dtype=np.int64)
+    """Triangles (m, 3) of corners that fill the chosen polygons (p,), and the polygon of each (m,)."""
     rings = chosen[faces.polygon]
-    lines, _ = _lines(faces, rings)
+    if not rings.any():
+        return np.empty((0, 3), dtype=np.int64), np.empty(0, dtype=np.int64)
+    if (np.bincount(faces.ring, minlength=len(rings))[rings] == 3).all():
+        corner = np.flatnonzero(rings[faces.ring]).reshape(-1, 3)
+        return corner, faces.polygon[faces.ring[corner[:, 0]]]
     renumbered = (np.cumsum(chosen) - 1)[faces.polygon[rings]]
-    _, triangles, of = triangulate(shapely.polygons(lines, indices=renumbered))
-    corner = np.flatnonzero(rings[faces.ring])
-    return corner[triangles], np.flatnonzero(chosen)[of[triangles[:, 0]]]
+    _, triangles, of = triangulate(shapely.polygons(_lines(faces, rings), indices=renumbered))
+    corners = np.flatnonzero(rings[faces.ring])
+    return corners[triangles], np.flatnonzero(chosen)[of[triangles[:, 0]]]
 
 
 # ---------------------------------------------------------------------------------------------------------- shells
 
 
 def _shell_defects(faces: _Faces, where: str, self_intersections: bool) -> list[Defect]:
-    if faces.polygons < 4:
-        return [_defect(301, where, f"{faces.polygons} surfaces")]
+    if len(faces.mean) < 4:
+        return [_defect(301, where, f"{len(faces.mean)} surfaces")]
     a, b = faces.vertex, faces.vertex[faces.following]
     low, high = np.minimum(a, b), np.maximum(a, b)
     _, first, edge, uses = np.unique(
@@ -316,7 +295,7 @@ def _shell_defects(faces: _Faces, where: str, self_intersections: bool) -> list[
         if wrong.any():
             place = f"surface {faces.polygon[faces.ring[first[np.flatnonzero(wrong)[0]]]]}"
             return [_defect(code, where, f"{np.count_nonzero(wrong)} edges, the first of {place}")]
-    if (parts := _pieces(faces.polygon[faces.ring], a, faces.polygons)) > 1:
+    if (parts := _pieces(faces.polygon[faces.ring], a, len(faces.mean))) > 1:
         return [_defect(305, where, f"{parts} components")]
     # Each edge joins the corners at either end of it; all corners of a vertex are to be joined.
     pairs = np.argsort(edge, kind="stable").reshape(-1, 2)
@@ -343,51 +322,53 @@ def _pieces(polygon: NDArray[np.int64], vertex: NDArray[np.int64], polygons: int
 
 def _pierced(faces: _Faces) -> tuple[int, int] | None:
     """Two surfaces that pierce or cover each other, if there are any."""
-    triangles, of = _triangles(faces, np.ones(faces.polygons, dtype=bool))
+    triangles, of = _triangles(faces, np.ones(len(faces.mean), dtype=bool))
     corners = faces.points[triangles]
     low, high = corners.min(axis=1), corners.max(axis=1)
     boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
     i, j = shapely.STRtree(boxes).query(boxes)
     near = (i < j) & (of[i] != of[j]) & (low[i, 2] <= high[j, 2]) & (low[j, 2] <= high[i, 2])
     i, j = i[near], j[near]
-    one, other = corners[i], corners[j]
-    hit = _edges_pierce(one, other) | _edges_pierce(other, one) | _cover(one, other)
-    where = np.flatnonzero(hit)
-    return (int(of[i[where[0]]]), int(of[j[where[0]]])) if len(where) else None
+    normal = _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(_length(normal), 1e-12)[:, None]
+    for one, other in ((i, j), (j, i)):
+        height = ((corners[one] - corners[other][:, :1]) * normal[other][:, None]).sum(axis=2)
+        for find in (_pierces, _covers):
+            hit = find(corners[one], corners[other], normal[other], height)
+            if len(hit):
+                return int(of[one[hit[0]]]), int(of[other[hit[0]]])
+    return None
 
 
-def _plane(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(m, 3) unit normals of triangles (m, 3, 3)."""
-    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    return cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-12)
+def _pierces(
+    one: NDArray[np.float64], other: NDArray[np.float64], normal: NDArray[np.float64], height: NDArray[np.float64]
+) -> NDArray[np.int64]:
+    """Where an edge of ``one`` goes through ``other``, both (m, 3 corners, 3), by more than a touch.
 
-
-def _edges_pierce(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(m,) whether an edge of ``one`` goes through ``other``, both (m, 3, 3), by more than a touch."""
-    normal = _plane(other)
-    height = ((one - other[:, :1]) * normal[:, None]).sum(axis=2)
-    hit = np.zeros(len(one), dtype=bool)
+    ``normal`` (m, 3) of ``other``, ``height`` (m, 3 corners) of ``one`` above it.
+    """
+    hits = [np.empty(0, dtype=np.int64)]
     for s, t in ((0, 1), (1, 2), (2, 0)):
-        above, below = height[:, s], height[:, t]
-        through = (above * below < 0.0) & (np.minimum(np.abs(above), np.abs(below)) > _TOUCH)
-        share = above / np.where(through, above - below, 1.0)
-        point = one[:, s] + share[:, None] * (one[:, t] - one[:, s])
+        apart = (height[:, s] * height[:, t] < 0.0) & (np.minimum(np.abs(height[:, s]), np.abs(height[:, t])) > _TOUCH)
+        rows = np.flatnonzero(apart)
+        share = height[rows, s] / (height[rows, s] - height[rows, t])
+        point = one[rows, s] + share[:, None] * (one[rows, t] - one[rows, s])
+        inside = np.ones(len(rows), dtype=bool)
         for k in range(3):
-            along = other[:, (k + 1) % 3] - other[:, k]
-            inwards = (np.cross(normal, along) * (point - other[:, k])).sum(axis=1)
-            through &= inwards > _TOUCH * np.linalg.norm(along, axis=1)
-        hit |= through
-    return hit
+            along = other[rows, (k + 1) % 3] - other[rows, k]
+            inwards = (_cross(normal[rows], along) * (point - other[rows, k])).sum(axis=1)
+            inside &= inwards > _TOUCH * _length(along)
+        hits.append(rows[inside])
+    return np.concatenate(hits)
 
 
-def _cover(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(m,) whether two triangles lie in one plane and share some of it."""
-    normal = _plane(one)
-    off = np.abs(((other - one[:, :1]) * normal[:, None]).sum(axis=2)).max(axis=1)
-    flat = np.flatnonzero((off < _TOUCH) & (np.linalg.norm(normal, axis=1) > 0.5))
-    hit = np.zeros(len(one), dtype=bool)
-    if len(flat):
-        axes = np.array([[1, 2], [2, 0], [0, 1]])[np.abs(normal[flat]).argmax(axis=1)]
-        first, second = (shapely.polygons(np.take_along_axis(x[flat], axes[:, None], axis=2)) for x in (one, other))
-        hit[flat] = shapely.area(shapely.intersection(first, second)) > _TOUCH
-    return hit
+def _covers(
+    one: NDArray[np.float64], other: NDArray[np.float64], normal: NDArray[np.float64], height: NDArray[np.float64]
+) -> NDArray[np.int64]:
+    """Where two triangles lie in one plane and share some of it; arguments as of :func:`_pierces`."""
+    rows = np.flatnonzero((np.abs(height) < _TOUCH).all(axis=1) & (np.abs(normal).max(axis=1) > 0.5))
+    if not len(rows):
+        return rows
+    axes = np.array([[1, 2], [2, 0], [0, 1]])[np.abs(normal[rows]).argmax(axis=1)]
+    first, second = (shapely.polygons(np.take_along_axis(x[rows], axes[:, None], axis=2)) for x in (one, other))
+    return np.asarray(rows[shapely.area(shapely.intersection(first, second)) > _TOUCH])

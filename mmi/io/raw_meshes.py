@@ -1,0 +1,62 @@
+"""Triangle meshes as readers handle them: joined, picked from, turned, and freed of corners that have no place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mmi.city import TriangleMesh
+from mmi.io.report import Ledger
+
+__all__ = ["joined_meshes", "picked_triangles", "placed_corners", "y_up_to_z_up"]
+
+_FARTHEST = 1.0e8
+"""Metres: coordinates beyond are a mistake, no projection of the earth reaches there."""
+
+
+def joined_meshes(parts: Sequence[TriangleMesh]) -> TriangleMesh:
+    """One mesh of several (at least one), triangles in their order."""
+    if len(parts) == 1:
+        return parts[0]
+    offsets = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+    return TriangleMesh(
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.triangles + offset for part, offset in zip(parts, offsets, strict=True)]),
+        np.concatenate([part.textures for part in parts]),
+        np.concatenate([part.colors for part in parts]),
+        np.concatenate([part.uv for part in parts]),
+    )
+
+
+def picked_triangles(mesh: TriangleMesh, places: NDArray[np.intp]) -> TriangleMesh:
+    """The triangles at ``places`` (k,), in that order, with the vertices that they need."""
+    used, corners = np.unique(mesh.triangles[places], return_inverse=True)
+    return TriangleMesh(
+        mesh.vertices[used],
+        corners.reshape(-1, 3).astype(np.int32),
+        mesh.textures[places],
+        mesh.colors[places],
+        mesh.uv[places],
+    )
+
+
+def placed_corners(
+    points: NDArray[np.float64], triangles: NDArray[np.int64], name: str, ledger: Ledger
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """``points`` (n, 3) with 0 for those that are no numbers or absurdly far, and which ``triangles`` (m,) use none of them."""
+    with np.errstate(invalid="ignore"):
+        sound = np.asarray(np.abs(points).max(axis=1) <= _FARTHEST)
+    if sound.all():
+        return points, np.ones(len(triangles), dtype=bool)
+    keep = np.asarray(sound[triangles].all(axis=1))
+    what = f"triangle: corners that are no numbers or farther than {_FARTHEST:.0e} m"
+    ledger.note("left out", what, name, count=int((~keep).sum()))
+    return np.where(sound[:, None], points, 0.0), keep
+
+
+def y_up_to_z_up(mesh: TriangleMesh) -> TriangleMesh:
+    """(x, y, z) becomes (x, -z, y)."""
+    vertices = mesh.vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0)
+    return TriangleMesh(vertices, mesh.triangles, mesh.textures, mesh.colors, mesh.uv)
