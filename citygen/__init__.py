@@ -1,1 +1,1 @@
-"""Cities to order: generated street networks and buildings."""
+"""Cities to order: generated street networks, blocks, buildings and relief, for tests, demonstrations and benchmarks."""

@@ -17,8 +17,19 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry import Polygon
 
+from mmi.chords import (
+    CHORD_TOLERANCE,
+    MERGE_TOLERANCE,
+    SHORT_PIECE,
+    Piece,
+    chords_of,
+    length_of,
+    pieces_along,
+    split_evenly,
+    streets_of,
+)
 from mmi.city import City
-from mmi.errors import CityError, ParameterError
+from mmi.errors import ParameterError
 
 __all__ = [
     "CHORD_TOLERANCE",
@@ -34,12 +45,6 @@ __all__ = [
 
 CLEARANCE = 0.05
 """Metres that every cell keeps from every building."""
-CHORD_TOLERANCE = 0.5
-"""Metres that a street may leave the chord which replaces it."""
-MERGE_TOLERANCE = 1.0
-"""The same where it spares a piece shorter than ``SHORT_PIECE``."""
-SHORT_PIECE = 5.0
-"""Metres below which a piece is merged with its neighbour in the street if it can be."""
 STEEPEST = 2.0
 """Metres that the ground may rise along a cell, unless that leaves it shorter than ``SHORT_PIECE``."""
 _NARROWEST = 0.2
@@ -135,36 +140,6 @@ class CellReport:
     degenerate_streets: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Street:
-    """``points`` (n, 2) is the centre line without repeated points, from the joint ``start`` to the joint ``end``."""
-
-    index: int
-    points: NDArray[np.float64]
-    start: int
-    end: int
-    half_width: float
-    name: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Piece:
-    """Part of a street: ``points`` (n, 2) of the centre line; the chord from first to last point stands for them.
-
-    ``start`` and ``end`` are joints: numbers that ends which meet each other have in common.
-    """
-
-    street: _Street
-    points: NDArray[np.float64]
-    start: int
-    end: int
-
-    @property
-    def chord(self) -> NDArray[np.float64]:
-        """(2, 2) first and last point."""
-        return self.points if len(self.points) == 2 else self.points[[0, -1]]
-
-
 def viewing_cells(
     city: City,
     *,
@@ -192,10 +167,10 @@ def viewing_cells(
         raise ParameterError(f"a half width of at least {_NARROWEST} m expected, found {max_half_width!r}")
     obstacles = shapely.STRtree(_obstacles(city, eye[1]))
     joints = itertools.count(city.streets.number_of_nodes())
-    streets = _streets(city)
-    chords = [piece for street in streets if len(street.points) > 1 for piece in _chords(street, joints)]
+    streets = streets_of(city)
+    chords = [piece for street in streets if len(street.points) > 1 for piece in chords_of(street, joints)]
     chords, cut_pieces, cut_length = _clear_chords(chords, obstacles, joints)
-    pieces = [part for chord in chords for part in _split(chord, _parts(chord, max_length, city), joints)]
+    pieces = [part for chord in chords for part in split_evenly(chord, _parts(chord, max_length, city), joints)]
 
     axes = np.array([piece.chord for piece in pieces]).reshape(-1, 2, 2)
     wanted = np.array([piece.street.half_width for piece in pieces])
@@ -217,7 +192,7 @@ def viewing_cells(
         graph.add_edges_from(itertools.combinations(names, 2))
     graph.graph["report"] = CellReport(
         streets=len(streets),
-        street_length=float(sum(_length(street.points) for street in streets)),
+        street_length=float(sum(length_of(street.points) for street in streets)),
         cells=len(pieces),
         cell_length=float(np.hypot(*(axes[:, 1] - axes[:, 0]).T).sum()),
         cut_pieces=cut_pieces,
@@ -250,97 +225,7 @@ def spread(graph: nx.Graph, n: int) -> list[str]:
     return [names[line[place]] for place in reversed_bits if place < len(names)][:n]
 
 
-def _streets(city: City) -> list[_Street]:
-    """The city's streets by index, each from the joint of one node to that of the other."""
-    edges = list(city.streets.edges(data=True))
-    for _, _, edge in edges:
-        width = edge.get("half_width", math.nan)
-        if not (math.isfinite(width) and width > 0.0):
-            raise CityError(f"{city.source}: street {edge['index']} needs a positive half_width, found {width!r}")
-    joint = {node: i for i, node in enumerate(city.streets.nodes)}
-    at = np.array([(data["x"], data["y"]) for _, data in city.streets.nodes(data=True)]).reshape(-1, 2)
-    ends = np.array([(joint[a], joint[b]) for a, b, _ in edges], dtype=np.int64).reshape(-1, 2)
-    points, of = shapely.get_coordinates([edge["geometry"] for _, _, edge in edges], return_index=True)
-    new = np.ones(len(points), dtype=bool)
-    new[1:] = (of[1:] != of[:-1]) | (points[1:] != points[:-1]).any(axis=1)
-    points, of = points[new], of[new]
-    bounds = np.searchsorted(of, np.arange(len(edges) + 1))
-    first, last = points[bounds[:-1]], points[bounds[1:] - 1]
-    a, b = at[ends[:, 0]], at[ends[:, 1]]
-    forward = np.hypot(*(first - a).T) + np.hypot(*(last - b).T)
-    backward = np.hypot(*(first - b).T) + np.hypot(*(last - a).T)
-    ends = np.where((forward <= backward)[:, None], ends, ends[:, ::-1])
-    streets = [
-        _Street(edge["index"], points[low:high], start, end, edge["half_width"], edge.get("name", ""))
-        for (_, _, edge), (low, high), (start, end) in zip(
-            edges, itertools.pairwise(bounds.tolist()), ends.tolist(), strict=True
-        )
-    ]
-    return sorted(streets, key=lambda street: street.index)
-
-
-def _chords(street: _Street, joints: Iterator[int]) -> list[_Piece]:
-    """The street as chords within tolerance of its centre line, short ones merged where that stays so."""
-    if len(street.points) == 2:
-        return [_Piece(street, street.points, street.start, street.end)]
-    kept = _simplified(street.points, CHORD_TOLERANCE)
-    while True:
-        candidates = []
-        lengths = np.hypot(*np.diff(street.points[kept], axis=0).T)
-        for i in np.flatnonzero(lengths < SHORT_PIECE):
-            for bend in {int(i), int(i) + 1} - {0, len(kept) - 1}:
-                a, b = kept[bend - 1], kept[bend + 1]
-                leave = _distances(street.points[a : b + 1], street.points[a], street.points[b]).max()
-                if leave <= MERGE_TOLERANCE and np.any(street.points[a] != street.points[b]):
-                    candidates.append((leave, bend))
-        if not candidates:
-            break
-        del kept[min(candidates)[1]]
-    return _pieces(
-        street, [street.points[a : b + 1] for a, b in itertools.pairwise(kept)], street.start, street.end, joints
-    )
-
-
-def _pieces(
-    street: _Street, runs: list[NDArray[np.float64]], start: int, end: int, joints: Iterator[int]
-) -> list[_Piece]:
-    """Pieces one after the other from joint ``start`` to joint ``end``, with new joints between them."""
-    between = [start, *itertools.islice(joints, len(runs) - 1), end]
-    return [_Piece(street, run, *ends) for run, ends in zip(runs, itertools.pairwise(between), strict=True)]
-
-
-def _simplified(points: NDArray[np.float64], tolerance: float) -> list[int]:
-    """Indices of those ``points`` (n, 2) whose polyline no other point leaves by more than ``tolerance`` metres."""
-    kept = {0, len(points) - 1}
-    stack = [(0, len(points) - 1)]
-    while stack:
-        a, b = stack.pop()
-        if b - a < 2:
-            continue
-        leave = _distances(points[a + 1 : b], points[a], points[b])
-        worst = int(np.argmax(leave))
-        # A loop's two ends are one point: a chord needs a length, however small the loop.
-        if leave[worst] > tolerance or not np.any(points[a] != points[b]):
-            middle = a + 1 + worst
-            kept.add(middle)
-            stack += [(a, middle), (middle, b)]
-    return sorted(kept)
-
-
-def _distances(points: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) distances of ``points`` (n, 2) from the segment ``a`` to ``b``, metres."""
-    along = b - a
-    square = float(along @ along)
-    t = np.clip((points - a) @ along / square, 0.0, 1.0) if square > 0.0 else np.zeros(len(points))
-    return np.hypot(*(points - a - t[:, None] * along).T)
-
-
-def _length(points: NDArray[np.float64]) -> float:
-    """Metres along ``points`` (n, 2)."""
-    return float(np.hypot(*np.diff(points, axis=0).T).sum())
-
-
-def _blocked(pieces: list[_Piece], obstacles: shapely.STRtree) -> dict[int, list[int]]:
+def _blocked(pieces: list[Piece], obstacles: shapely.STRtree) -> dict[int, list[int]]:
     """Pieces whose chord has no room for a cell -> the obstacles that leave none."""
     chords = shapely.linestrings(np.array([piece.chord for piece in pieces]).reshape(-1, 2, 2))
     blocked: dict[int, list[int]] = {}
@@ -351,68 +236,58 @@ def _blocked(pieces: list[_Piece], obstacles: shapely.STRtree) -> dict[int, list
 
 
 def _clear_chords(
-    chords: list[_Piece], obstacles: shapely.STRtree, joints: Iterator[int]
-) -> tuple[list[_Piece], int, float]:
+    chords: list[Piece], obstacles: shapely.STRtree, joints: Iterator[int]
+) -> tuple[list[Piece], int, float]:
     """Chords with room for a cell everywhere, how many were cut for that, and the metres that they lost.
 
     A chord without room first gives way to the centre line: the chord may have cut a building's corner.
     """
     blocked = _blocked(chords, obstacles)
-    straight: list[_Piece] = []
+    straight: list[Piece] = []
     for i, piece in enumerate(chords):
         if i in blocked and len(piece.points) > 2:
             runs = [piece.points[k : k + 2] for k in range(len(piece.points) - 1)]
-            straight += _pieces(piece.street, runs, piece.start, piece.end, joints)
+            straight += pieces_along(piece.street, runs, piece.start, piece.end, joints)
         else:
             straight.append(piece)
     blocked = _blocked(straight, obstacles)
-    clear: list[_Piece] = []
+    clear: list[Piece] = []
     lost = 0.0
     for i, piece in enumerate(straight):
         parts = _cut(piece, obstacles.geometries[blocked[i]], joints) if i in blocked else [piece]
         if i in blocked:
-            lost += _length(piece.chord) - sum(_length(part.chord) for part in parts)
+            lost += length_of(piece.chord) - sum(length_of(part.chord) for part in parts)
         clear += parts
     return clear, len(blocked), lost
 
 
-def _cut(piece: _Piece, obstacles: NDArray[np.object_], joints: Iterator[int]) -> list[_Piece]:
+def _cut(piece: Piece, obstacles: NDArray[np.object_], joints: Iterator[int]) -> list[Piece]:
     """What ``obstacles`` leave of a straight piece. Ends that were pulled back a little keep their joint."""
     a, b = piece.chord
     # A hair more room than _blocked asks for, since the buffer's arcs are polygons inside of them.
     taken = shapely.union_all(shapely.buffer(obstacles, (CLEARANCE + _NARROWEST) * 1.01))
     left = shapely.get_parts(shapely.difference(shapely.LineString([a, b]), taken))
-    length = _length(piece.chord)
+    length = length_of(piece.chord)
     along = (b - a) / length
     spans = sorted(sorted(((shapely.get_coordinates(part) - a) @ along).tolist()) for part in left if not part.is_empty)
-    parts: list[_Piece] = []
+    parts: list[Piece] = []
     previous, joint, reach = 0.0, piece.start, _PULLED_BACK
     for low, *_, high in spans:
         if high - low < _REMNANT:
             continue
         start = joint if low - previous <= reach else next(joints)
         joint = next(joints)
-        parts.append(_Piece(piece.street, np.array([a + low * along, a + high * along]), start, joint))
+        parts.append(Piece(piece.street, np.array([a + low * along, a + high * along]), start, joint))
         previous, reach = high, 2.0 * _PULLED_BACK
     if parts and length - previous <= _PULLED_BACK:
         last = parts.pop()
-        parts.append(_Piece(last.street, last.points, last.start, piece.end))
+        parts.append(Piece(last.street, last.points, last.start, piece.end))
     return parts
 
 
-def _split(piece: _Piece, n: int, joints: Iterator[int]) -> list[_Piece]:
-    """A chord in ``n`` equal parts."""
-    if n == 1:
-        return [_Piece(piece.street, piece.chord, piece.start, piece.end)]
-    a, b = piece.chord
-    stops = a + np.linspace(0.0, 1.0, n + 1)[:, None] * (b - a)
-    stops[-1] = b
-    return _pieces(piece.street, [stops[k : k + 2] for k in range(n)], piece.start, piece.end, joints)
-
-
-def _parts(piece: _Piece, max_length: float, city: City) -> int:
+def _parts(piece: Piece, max_length: float, city: City) -> int:
     """In how many equal parts a chord is cut: none too long, or too steep."""
-    length = _length(piece.chord)
+    length = length_of(piece.chord)
     n = max(1, math.ceil(length / max_length - 1e-9))
     if city.terrain is None:
         return n
@@ -483,7 +358,7 @@ def _clear_half_widths(
     return widths
 
 
-def _numbered(pieces: list[_Piece]) -> list[tuple[_Piece, int]]:
+def _numbered(pieces: list[Piece]) -> list[tuple[Piece, int]]:
     """Each piece with its number within its street."""
     numbers: dict[int, int] = {}
     numbered = []

@@ -12,6 +12,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,7 @@ _BUILDING = (
     "OtherConstruction",
 )
 _GROUND = ("Road", "Railway", "Square", "TransportSquare", "LandUse", "PlantCover", "WaterBody", "Waterway")
-_DEPTH = {"MultiSurface": 1, "CompositeSurface": 1, "Solid": 2, "MultiSolid": 3, "CompositeSolid": 3}
+_DEPTH = MappingProxyType({"MultiSurface": 1, "CompositeSurface": 1, "Solid": 2, "MultiSolid": 3, "CompositeSolid": 3})
 _HEAD = 4096
 
 

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from mmi.city import PAINTED, PLAIN, TriangleMesh
 
-__all__ = ["Faces", "triangulate_faces"]
+__all__ = ["Color", "Faces", "triangulate_faces"]
 
 Color = tuple[int, int, int]
+"""sRGB bytes."""
 
 
 class Faces:

@@ -1,0 +1,206 @@
+"""The program ``citygen``: a preset in, a city in files out, one line for every mistake, exit status 0, 2 or 130."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+from citygen.presets import PRESETS
+from mmi.city import City, CityObject
+from mmi.errors import CityError, ParameterError
+from mmi.programs import Parser, ProgressBar, path_option, run_program
+
+__all__ = ["citygen"]
+
+_SUFFIXES = (".json", ".jsonl", ".glb")
+_LARGE = 20_000
+"""Buildings from which on a metropolis goes to its file district by district."""
+_VEHICLES, _SECONDS = 60, 60.0
+_EXAMPLE = """\
+examples:
+  citygen hamlet -o out/hamlet.json
+  citygen montmartre --seed 7 -o out/montmartre.json -o out/montmartre.glb
+  citygen metropolis --buildings 100000 -o out/metropolis.jsonl
+
+The suffix decides the format: .json CityJSON 2.0, .jsonl CityJSONSeq, .glb binary glTF. The same preset, seed and options
+give the same city.
+"""
+
+
+def citygen(arguments: Sequence[str] | None = None) -> NoReturn:
+    """``citygen PRESET -o FILE``: a city to order."""
+    run_program(_parser(), arguments, _run, kept="no file was changed")
+
+
+def _parser() -> Parser:
+    parser = Parser(
+        prog="citygen",
+        description="Generate a city with streets, for tests, demonstrations and benchmarks.",
+        epilog=_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("preset", nargs="?", metavar="PRESET", help=f"{', '.join(PRESETS)} (see --list)")
+    parser.add_argument(
+        "-o", "--output", type=path_option, action="append", metavar="FILE", help="file to write (again for more)"
+    )
+    parser.add_argument("--list", action="store_true", help="list the presets and what they are")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="another number, another city (default: 0)")
+    parser.add_argument(
+        "--detail",
+        type=int,
+        metavar="0..3",
+        help="of houses: 0 prisms, 1 textured walls and roofs, 2 windows and doors, 3 balconies and dormers "
+        "(default: as fits the preset)",
+    )
+    parser.add_argument("--buildings", type=int, metavar="N", help="of metropolis: 1000 to 1000000 (default: 10000)")
+    parser.add_argument("--json", action="store_true", help="the statistics as JSON on standard output")
+    parser.add_argument("--quiet", action="store_true", help="no progress, no statistics")
+    return parser
+
+
+@dataclass(slots=True)
+class _Count:
+    """What a city has, counted while it goes by."""
+
+    blocks: int
+    streets: int
+    junctions: int
+    textures: int
+    buildings: int = 0
+    triangles: int = 0
+
+    def passing(self, objects: Iterable[CityObject]) -> Iterator[CityObject]:
+        """The same objects, counted."""
+        from citygen.objects import triangle_count
+
+        for one in objects:
+            self.buildings += 1
+            self.triangles += triangle_count(one)
+            yield one
+
+    def show(self, *, as_json: bool) -> None:
+        numbers = {
+            "blocks": self.blocks,
+            "street segments": self.streets,
+            "junctions": self.junctions,
+            "buildings": self.buildings,
+            "triangles": self.triangles,
+            "textures": self.textures,
+        }
+        if as_json:
+            print(json.dumps({name.replace(" ", "_"): number for name, number in numbers.items()}))
+        else:
+            print(", ".join(f"{number:,} {name}" for name, number in numbers.items()))
+
+
+def _run(options: argparse.Namespace) -> None:
+    if options.list:
+        for preset in PRESETS.values():
+            print(f"{preset.name:12} {preset.summary}")
+        return
+    outputs = _checked(options)
+    streamed = (options.buildings or 0) > _LARGE
+    if streamed and [path.suffix for path in outputs] != [".jsonl"]:
+        raise ParameterError(
+            f"--buildings: one .jsonl file expected for more than {_LARGE}, found {', '.join(map(str, outputs))}"
+        )
+    with ProgressBar("buildings", quiet=options.quiet) as advance:
+        count = (_stream if streamed else _write)(options, outputs, advance)
+    if not options.quiet or options.json:
+        count.show(as_json=options.json)
+
+
+def _checked(options: argparse.Namespace) -> list[Path]:
+    """The files to write. Whatever is wrong is said before anything is generated."""
+    if options.preset not in PRESETS:
+        found = "nothing" if options.preset is None else repr(options.preset)
+        raise ParameterError(f"a preset of {', '.join(PRESETS)} expected, found {found}")
+    outputs: list[Path] = options.output or []
+    if not outputs:
+        raise ParameterError("-o FILE expected, found none")
+    for path in outputs:
+        if path.suffix not in _SUFFIXES:
+            raise ParameterError(f"{path}: a name that ends in {', '.join(_SUFFIXES)} expected, found {path.suffix!r}")
+        if path.is_dir():
+            raise CityError(f"{path}: a file expected, found a folder")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if not os.access(path.parent, os.W_OK):
+            raise CityError(f"{path.parent}: a folder that can be written to expected")
+    if len(set(outputs)) < len(outputs):
+        raise ParameterError("-o: different files expected, found the same twice")
+    if options.seed < 0:
+        raise ParameterError(f"--seed: a whole number of at least 0 expected, found {options.seed}")
+    if options.detail is not None and options.detail not in range(4):
+        raise ParameterError(f"--detail: 0 to 3 expected, found {options.detail}")
+    if options.buildings is not None and not PRESETS[options.preset].counted:
+        raise ParameterError(f"--buildings: only metropolis takes a number of buildings, not {options.preset}")
+    if options.buildings is not None and not 1_000 <= options.buildings <= 1_000_000:
+        raise ParameterError(f"--buildings: 1000 to 1000000 expected, found {options.buildings}")
+    return outputs
+
+
+def _write(options: argparse.Namespace, outputs: list[Path], advance: Callable[[int, int, str], None]) -> _Count:
+    """A city that fits into memory, to all the files."""
+    from citygen.generate import generate
+    from mmi.io.cityjson_writer import write_cityjson
+    from mmi.io.gltf_writer import write_glb
+
+    city = generate(options.preset, options.seed, detail=options.detail, buildings=options.buildings, progress=advance)
+    for path in outputs:
+        advance(0, len(city.objects), f"writing {path.name}")
+        if path.suffix == ".glb":
+            write_glb(city, path)
+        else:
+            write_cityjson(city, path, progress=lambda done, total: advance(done, total, "writing"))
+    if options.preset == "traffic":
+        _write_traffic(city, sorted({path.with_suffix(".traffic.json") for path in outputs}), options.seed)
+    count = _count(city)
+    for _ in count.passing(city.objects):
+        pass
+    return count
+
+
+def _write_traffic(city: City, paths: Sequence[Path], seed: int) -> None:
+    """Where vehicles are over time, beside the city's files."""
+    from citygen.traffic import traffic
+    from mmi.io.whole_files import whole_file
+
+    text = traffic(city, seed, vehicles=_VEHICLES, seconds=_SECONDS).to_json()
+    for path in paths:
+        with whole_file(path) as file:
+            file.write(text.encode())
+
+
+def _count(city: City) -> _Count:
+    import shapely
+
+    lines = [edge["geometry"] for _, _, edge in city.streets.edges(data=True)]
+    blocks = len(shapely.get_parts(shapely.polygonize(lines))) if lines else 0
+    return _Count(blocks, len(lines), city.streets.number_of_nodes(), len(city.textures))
+
+
+def _stream(options: argparse.Namespace, outputs: list[Path], advance: Callable[[int, int, str], None]) -> _Count:
+    """A city that may not fit, district by district."""
+    import numpy as np
+
+    from citygen.metropolis import metropolis
+    from citygen.textures import city_textures
+    from mmi.io.cityjson_writer import CityJSONSeqWriter
+
+    detail = options.detail or 0
+    textures = city_textures(options.seed) if detail else ()
+    city = metropolis(options.seed, buildings=options.buildings, detail=detail)
+    count = _Count(city.blocks, city.streets.number_of_edges(), city.streets.number_of_nodes(), len(textures))
+    with CityJSONSeqWriter(
+        outputs[0], crs="local", origin=(0.0, 0.0, 0.0), source="metropolis", textures=textures
+    ) as writer:
+        for district in city.districts:
+            writer.add(count.passing(district))
+            advance(count.buildings, city.buildings, "building and writing")
+        writer.add_streets(city.streets, lambda points: np.zeros(len(points)))
+    return count
