@@ -1,9 +1,9 @@
 """The pictures of a whole city in one texture, so that any set of objects is one draw.
 
-At the top lie the painted facades of ``mmi.facades``, repeated sideways to the atlas's width so that they still wrap
-there; below them a white patch for surfaces of plain colour, and the city's own pictures on shelves, each with its edges
-repeated around it so that mipmaps do not bleed. Pictures do not wrap in an atlas: surfaces over which they repeat are cut
-along the borders of the repetitions (``cut_at_repeats``), after as many copies side by side as a picture has room for.
+At the top lie, where something needs them, the painted facades of ``mmi.facades``, repeated sideways to the atlas's width so
+that they still wrap there; below them a white patch for surfaces of plain colour, and the city's own pictures on shelves, each
+with its edges repeated around it so that mipmaps do not bleed. Pictures do not wrap in an atlas: those that surfaces repeat
+have copies side by side, and surfaces that need more than there is room for are cut (``cut_at_repeats``).
 """
 
 from __future__ import annotations
@@ -49,9 +49,12 @@ class Atlas:
         return np.stack([u / width, v / height], axis=-1)
 
 
-def pack_atlas(textures: Sequence[Texture], repeats: NDArray[np.float64]) -> Atlas:
-    """``repeats`` (n, 2): how often each picture is repeated on some surface, across and down. Too large ones are reduced."""
-    facade = facades.facade_texture()
+def pack_atlas(textures: Sequence[Texture], repeats: NDArray[np.float64], *, painted: bool) -> Atlas:
+    """An atlas of ``textures``, reduced if they are too large, and of the facades if something is ``painted``.
+
+    ``repeats`` (n, 2): copies of each picture, across and down, that hold whatever it covers.
+    """
+    facade = facades.facade_texture() if painted else np.empty((0, 64, 3), dtype=np.uint8)
     sizes = np.array([one.image.shape[1::-1] for one in textures], dtype=np.float64).reshape(-1, 2)
     scale = 1.0
     while True:
@@ -108,31 +111,27 @@ def _shelves(sizes: NDArray[np.int64], width: int, top: int) -> tuple[NDArray[np
 def cut_at_repeats(
     corners: NDArray[np.float64], uv: NDArray[np.float64], period: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Triangles (m, 3, 3) with ``uv`` (m, 3, 2), cut so that each lies in [0, period] after a whole number of periods.
+    """Triangles (m, 3, 3) with ``uv`` (m, 3, 2), moved by whole repetitions into [0, period], and cut where they do not fit.
 
-    ``period`` (m, 2). Returns the triangles, their coordinates there, and the triangle that each is a piece of. Where one
-    has more than 64 periods, coordinates are squeezed to as many: at that size nobody sees the picture.
+    ``period`` (m, 2), whole numbers. Returns the triangles, their coordinates there, and the triangle that each is a piece
+    of. Where one has more than 64 periods, coordinates are squeezed to as many: at that size nobody sees the picture.
     """
-    uv = uv / period[:, None, :]
-    span = np.ptp(uv, axis=1)
-    uv = uv * np.minimum(1.0, _MOST_REPEATS / np.maximum(span, 1e-9))[:, None, :]
-    both = np.concatenate([corners, uv], axis=2)
+    squeezed = np.minimum(1.0, _MOST_REPEATS * period / np.maximum(np.ptp(uv, axis=1), 1e-9))
+    both = np.concatenate([corners, uv * squeezed[:, None, :]], axis=2)
     source = np.arange(len(both))
-    done, sources = [], []
     for axis in (3, 4):
+        done, sources = [], []
         while len(both):
-            low = np.floor(both[:, :, axis].min(axis=1) + 1e-6)
-            line = low + 1.0
+            line = np.floor(both[:, :, axis].min(axis=1) + 1e-6) + period[source, axis - 3]
             across = both[:, :, axis].max(axis=1) > line + 1e-4
             done.append(both[~across])
             sources.append(source[~across])
             both, source = _cut(both[across], source[across], axis, line[across])
         both, source = np.concatenate([both, *done]), np.concatenate([source, *sources])
-        done, sources = [], []
     order = np.argsort(source, kind="stable")
     both, source = both[order], source[order]
     placed = both[:, :, 3:] - np.floor(both[:, :, 3:].min(axis=1, keepdims=True) + 1e-6)
-    return both[:, :, :3], np.clip(placed, 0.0, 1.0) * period[source][:, None, :], source
+    return both[:, :, :3], np.clip(placed, 0.0, period[source][:, None, :]), source
 
 
 def _cut(

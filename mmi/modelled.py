@@ -51,12 +51,13 @@ class _Triangles:
 
 
 def repeats_of(objects: Sequence[CityObject], textures: Sequence[Texture]) -> NDArray[np.float64]:
-    """(n, 2) how often each picture is repeated at most on a triangle, across and down; at least 1."""
+    """(n, 2) how many copies of each picture side by side hold any triangle that it covers, across and down; at least 1."""
     found = np.ones((len(textures), 2))
     for one in objects:
         if one.mesh is not None and len(one.mesh.triangles):
             covered = one.mesh.textures >= 0
-            np.maximum.at(found, one.mesh.textures[covered], np.ptp(one.mesh.uv[covered], axis=1))
+            low, high = (end(one.mesh.uv[covered], axis=1) for end in (np.min, np.max))
+            np.maximum.at(found, one.mesh.textures[covered], high - np.floor(low + 1e-6) - 1e-4)
     return found
 
 

@@ -86,7 +86,8 @@ def build_city_mesh(city: City) -> CityMesh:
     if all((one.mesh.textures == PAINTED).all() for one in meshed if one.mesh is not None):
         own = mesh_part(meshed, np.array(modelled, dtype=np.int64), looks, None)
         return _assemble([walls, roofs, own], len(city.objects), facades.facade_texture())
-    atlas = pack_atlas(city.textures, repeats_of(meshed, city.textures))
+    painted = bool(prisms) or any((one.mesh.textures == PAINTED).any() for one in meshed if one.mesh is not None)
+    atlas = pack_atlas(city.textures, repeats_of(meshed, city.textures), painted=painted)
     own = mesh_part(meshed, np.array(modelled, dtype=np.int64), looks, atlas)
     for part in (walls, roofs):
         part.uv[:] *= atlas.facade_scale

@@ -150,7 +150,7 @@ def _steps(corners: NDArray[np.float64], highest: NDArray[np.float64], low: floa
     """Heights at which the projection gets so much smaller that another prism pays, sorted."""
     plan = corners[:, :, :2]
     sides = plan[:, 1:] - plan[:, :1]
-    area = 0.5 * np.maximum(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0], 0.0)
+    area = 0.25 * np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])  # tops and floors
     candidates = np.unique(np.quantile(highest, np.linspace(0.0, 1.0, _CANDIDATES), method="lower"))
     candidates = candidates[(candidates > low + 0.5) & (candidates < high - 0.5)]
     ends = np.concatenate([[low], candidates])
@@ -163,7 +163,7 @@ def _steps(corners: NDArray[np.float64], highest: NDArray[np.float64], low: floa
     while len(chosen) < _STEPS:
         more = [sorted([*chosen, i]) for i in range(len(ends)) if i not in chosen]
         best = min(more, key=bounded, default=chosen)
-        if bounded(chosen) - bounded(best) < _WORTH * covered[0] * (high - low):
+        if bounded(chosen) - bounded(best) <= _WORTH * covered[0] * (high - low):
             break
         chosen = best
     return [float(ends[i]) for i in chosen[1:]]
