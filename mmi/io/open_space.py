@@ -28,6 +28,8 @@ __all__ = ["open_space_streets"]
 _WIDEST = 12.0
 """Metres: a square is not a street as wide as itself."""
 _MOST_POINTS = 120_000
+_SHORTEST_WALK = 5.0
+"""Times the width of a path: less of it in all is a chink, and the walk leads around the buildings."""
 _BEYOND = 1.6
 """Times the clearance of its junction that a dead end must reach to be worth a walk; the arm into a corner reaches 1.41."""
 _HULL_RATIO = 0.15
@@ -60,7 +62,7 @@ def open_space_streets(
     graph, left_out = _skeleton(solid, region, step, 0.5 * min_width)
     lines = _lines(graph) if len(graph) else []
     streets = _as_streets(_simplified(lines, solid, 0.5 * min_width), solid)
-    if not streets:
+    if sum(line.length for one in streets for line in one.lines) < _SHORTEST_WALK * min_width:
         around = shapely.get_parts(shapely.buffer(solid, max(0.5 * margin, min_width)))
         around = max(around, key=shapely.area)
         streets = _as_streets([LineString(shapely.simplify(around.exterior, 0.25 * min_width).coords)], solid)
