@@ -122,8 +122,12 @@ def cut_at_repeats(
     for axis in (3, 4):
         done, sources = [], []
         while len(both):
-            line = np.floor(both[:, :, axis].min(axis=1) + 1e-6) + period[source, axis - 3]
-            across = both[:, :, axis].max(axis=1) > line + 1e-4
+            step = period[source, axis - 3]
+            first = np.floor(both[:, :, axis].min(axis=1) + 1e-6) + step
+            lines = np.ceil((both[:, :, axis].max(axis=1) - 1e-4 - first) / step)  # that cross it, or none
+            across = lines > 0.0
+            # In the middle: from one side, each cut would leave one more piece to the next.
+            line = first + step * np.floor(0.5 * (lines - 1.0))
             done.append(both[~across])
             sources.append(source[~across])
             both, source = _cut(both[across], source[across], axis, line[across])

@@ -30,6 +30,7 @@ from mmi.chords import (
 )
 from mmi.city import City
 from mmi.errors import ParameterError
+from mmi.terrain import Terrain
 
 __all__ = [
     "CHORD_TOLERANCE",
@@ -294,7 +295,7 @@ def _parts(piece: Piece, max_length: float, city: City) -> int:
     a, b = piece.chord
     ground = city.ground_at(a + np.linspace(0.0, 1.0, max(2, math.ceil(length / 2.0)))[:, None] * (b - a))
     steepest = float(np.abs(np.diff(ground)).max()) * (len(ground) - 1)
-    return max(n, min(math.ceil(steepest / STEEPEST), math.ceil(length / SHORT_PIECE)))
+    return max(n, min(math.ceil(steepest / STEEPEST - 1e-9), math.ceil(length / SHORT_PIECE)))
 
 
 def _obstacles(city: City, eye: float) -> list[Polygon]:
@@ -320,14 +321,43 @@ def _eye_bands(
         return [(city.ground + eye[0], city.ground + eye[1])] * len(axes), [0.0] * len(axes)
     ends = city.ground_at(axes)
     rise = ends[:, 1] - ends[:, 0]
+    if not len(axes):
+        return [], []
+    found = [_uneven_places(city.terrain, axis, width) for axis, width in zip(axes, widths.tolist(), strict=True)]
+    counts = [len(one) for one in found]
+    places, of = np.concatenate(found), np.repeat(np.arange(len(axes)), counts)
     along = axes[:, 1] - axes[:, 0]
-    side = np.stack([-along[:, 1], along[:, 0]], axis=1) * (widths / np.hypot(*along.T))[:, None]
-    t, s = np.linspace(0.0, 1.0, 9)[:, None, None, None], np.array([-1.0, 0.0, 1.0])[:, None, None]
-    uneven = city.ground_at(axes[:, 0] + t * along + s * side) - (ends[:, 0] + t[..., 0] * rise)
-    middle = ends.mean(axis=1)
-    low = middle + uneven.min(axis=(0, 1)) - 0.5 * np.abs(rise) + eye[0]
-    high = middle + uneven.max(axis=(0, 1)) + 0.5 * np.abs(rise) + eye[1]
+    share = ((places - axes[of, 0]) * along[of]).sum(axis=1) / (along**2).sum(axis=1)[of]
+    uneven = city.terrain.at(places) - ends[of, 0] - share * rise[of]
+    starts = np.cumsum([0, *counts[:-1]])
+    low = ends.mean(axis=1) + np.minimum.reduceat(uneven, starts) - 0.5 * np.abs(rise) + eye[0]
+    high = ends.mean(axis=1) + np.maximum.reduceat(uneven, starts) + 0.5 * np.abs(rise) + eye[1]
     return list(zip(low.tolist(), high.tolist(), strict=True)), rise.tolist()
+
+
+def _uneven_places(terrain: Terrain, axis: NDArray[np.float64], width: float) -> NDArray[np.float64]:
+    """(n, 2) where the ground of the rectangle within ``width`` of ``axis`` (2, 2) may leave a plane by most.
+
+    That is at points of the terrain's grid and on the outline: at corners, where it crosses lines of the grid, and (where
+    it bends a little) in between. Inside a square of the grid, a bilinear surface has neither peak nor pit.
+    """
+    length = length_of(axis)
+    along = (axis[1] - axis[0]) / length
+    aside = np.array([-along[1], along[0]])
+    corners = np.concatenate([axis - width * aside, axis[::-1] + width * aside])
+    in_squares = (corners - terrain.origin) / terrain.spacing
+    first, last = np.ceil(in_squares.min(axis=0)), np.floor(in_squares.max(axis=0))
+    lines = [np.arange(first[k], last[k] + 1.0) for k in (0, 1)]
+    grid = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
+    offset = grid * terrain.spacing + terrain.origin - axis[0]
+    inside = (np.abs(offset @ aside) <= width) & (offset @ along >= 0.0) & (offset @ along <= length)
+    shares = np.linspace(0.0, 1.0, 9)[1:]
+    places = [grid[inside]]
+    for a, b in zip(in_squares, np.roll(in_squares, -1, axis=0), strict=True):
+        crossings = [(lines[k] - a[k]) / (b[k] - a[k]) for k in (0, 1) if abs(b[k] - a[k]) > 1e-9]
+        t = np.concatenate([shares, *crossings])
+        places.append(a + t[(t >= 0.0) & (t <= 1.0), None] * (b - a))
+    return np.concatenate(places) * terrain.spacing + terrain.origin
 
 
 def _clear_half_widths(

@@ -143,7 +143,10 @@ def _painted(triangles: _Triangles, looks: Looks) -> tuple[NDArray[np.float64], 
     above = corners[:, :, 2] - foot[owners][:, None]
     along = np.stack([-normals[:, 1], normals[:, 0]], axis=1)  # to the right, seen from outside
     along /= np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
-    metres = np.einsum("mcx,mx->mc", corners[:, :, :2], along)
+    # From the object's own corner: far from it, the least turn from one triangle of a wall to the next would be metres.
+    corner = np.full((objects, 2), np.inf)
+    np.minimum.at(corner, owners, corners[:, :, :2].min(axis=1))
+    metres = np.einsum("mcx,mx->mc", corners[:, :, :2] - corner[owners][:, None], along)
     row_height = facades.storey_v(style, np.ones(len(style))) - facades.storey_v(style, np.zeros(len(style)))
     wall_v = facades.storey_v(style, np.zeros(len(style)))[:, None] + row_height[:, None] * above / storey[:, None]
     strip_top, strip_bottom = facades.plain_strip(style)

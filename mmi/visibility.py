@@ -60,7 +60,10 @@ _TOUCH = 1e-3
 """Metres: a wall this far inside a cell does not count as cutting into it; a base this far up stands on the ground."""
 
 _SLOPING_GAP = 0.5
-"""Metres: the same for a base on a slope, whose ground is known at the footprint's corners only."""
+"""Metres: the same for a base on a slope, which models and their ground seldom agree on to the centimetre."""
+
+_OUTLINE = 2.0
+"""Metres between points of an outline where the ground below it is looked at."""
 
 _CANDIDATES = 512
 """Heights among which levels are chosen; time and memory grow with the square."""
@@ -140,7 +143,8 @@ def _standing(city: City, footprints: NDArray[np.object_], bottoms: NDArray[np.f
     """Which prisms (p,) leave nothing between them and the ground."""
     if city.terrain is None or not len(footprints):
         return bottoms <= city.ground + _TOUCH
-    points, of = shapely.get_coordinates(footprints, return_index=True)
+    # A line of sight that passes below a base has passed below it on the outline: only there does the ground matter.
+    points, of = shapely.get_coordinates(shapely.segmentize(footprints, _OUTLINE), return_index=True)
     ground = np.minimum.reduceat(city.ground_at(points), np.searchsorted(of, np.arange(len(footprints))))
     return np.asarray(bottoms <= ground + _SLOPING_GAP)
 

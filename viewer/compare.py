@@ -115,7 +115,7 @@ def compare_views(
     """
     options, tell = options or CompareOptions(), progress or _silent
     main = _open(dataset, out)
-    poses = random_views(main.whereabouts.cells, views, seed=seed)
+    poses = random_views(main.whereabouts.cells, views, seed=seed, terrain=main.terrain)
     cells = [main.whereabouts.cell_at(np.array(pose.eye), current=None) for _, pose in poses]
     scenes = _scenes(main, out, cells, options, tell)
     camera = main.camera

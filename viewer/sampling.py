@@ -9,15 +9,22 @@ import numpy as np
 
 from mmi.cells import ViewingCell
 from mmi.errors import ParameterError
+from mmi.terrain import Terrain
 from viewer.walk import Pose
 
 __all__ = ["random_views"]
 
+_LOWEST = 1.0
+"""Metres above the ground that eyes keep on hills, where a cell's band is as high as its ground is uneven."""
 
-def random_views(cells: Sequence[ViewingCell], n: int, *, seed: int) -> list[tuple[str, Pose]]:
+
+def random_views(
+    cells: Sequence[ViewingCell], n: int, *, seed: int, terrain: Terrain | None = None
+) -> list[tuple[str, Pose]]:
     """``n`` views (cell, pose), sorted by cell: any cell, anywhere in its rectangle and eye band, level, any heading.
 
-    The same cells and seed give the same views, and none is taken from a reference viewpoint, where layers were captured.
+    With the ``terrain``, none from below the ground where that is higher than elsewhere in the cell. The same cells and seed
+    give the same views, and none is taken from a reference viewpoint, where layers were captured.
     Raises ParameterError for no cells, a number of views below 1, or a negative seed.
     """
     if not cells:
@@ -36,7 +43,10 @@ def random_views(cells: Sequence[ViewingCell], n: int, *, seed: int) -> list[tup
         while True:
             t = float(rng.uniform(0.0, 1.0))
             spot = p + t * (q - p) + rng.uniform(-1.0, 1.0) * cell.half_width * side
-            eye = (float(spot[0]), float(spot[1]), float(rng.uniform(*cell.eye_at(t))))
+            low, high = cell.eye_at(t)
+            if terrain is not None:
+                low = min(max(low, float(terrain.at(spot)) + _LOWEST), high)
+            eye = (float(spot[0]), float(spot[1]), float(rng.uniform(low, high)))
             if math.dist(eye, cell.reference) > 0.0:
                 break
         views.append((cell.id, Pose(eye, float(rng.uniform(-math.pi, math.pi)), 0.0)))

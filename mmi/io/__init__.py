@@ -102,7 +102,7 @@ def read_city(
     try:
         if is_model(_the_file(path)):
             _check_model_options(path, columns, objects)
-            layer = read_model(_the_file(path), ledger, lod=lod, up=up)
+            layer = read_model(_the_file(path), ledger, lod=lod, up=up, crs=override)
             own_metres = layer.crs is None and override is None
             lines = (
                 None if streets is None else _read_streets(path, streets, ledger, layer=streets_layer, local=own_metres)

@@ -32,6 +32,9 @@ __all__ = ["is_citygml", "read_citygml"]
 _HEAD = 8192
 _GROUND = ("ReliefFeature", "Road", "Square", "Railway", "LandUse", "WaterBody", "PlantCover", "TrafficArea")
 _LEVEL = re.compile(r"lod([0-4])")
+_DEEPEST = 200
+_FARTHEST = 1e9
+"""Coordinates beyond this are no place on earth in any units."""
 
 
 def is_citygml(path: Path) -> bool:
@@ -41,13 +44,17 @@ def is_citygml(path: Path) -> bool:
     return head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<") and b"CityModel" in head
 
 
-def read_citygml(path: Path, ledger: Ledger, *, lod: str | None = None) -> ModelLayer:
+def read_citygml(path: Path, ledger: Ledger, *, lod: str | None = None, crs: pyproj.CRS | None = None) -> ModelLayer:
     """All buildings of ``path``, each at its highest level of detail, or at ``lod`` (``"1"`` to ``"4"``).
+
+    ``crs`` counts where the file's is none that can be understood.
 
     Raises:
         CityError: damaged XML or coordinates; names the object at fault.
     """
     root = _root(path)
+    if _depth(root) > _DEEPEST:
+        raise CityError(f"{path}: CityGML expected, found elements nested more than {_DEEPEST} deep")
     surfaces = _Surfaces(path, ledger, _appearances(path, root, ledger))
     ids: dict[str, int] = {}
     for member in _members(root):
@@ -63,10 +70,10 @@ def read_citygml(path: Path, ledger: Ledger, *, lod: str | None = None) -> Model
                 ids[name] = len(ids)
                 surfaces.add_building(ids[name], name, polygons)
         elif kind in _GROUND:
-            surfaces.add_ground(name, member)
+            surfaces.add_ground(name, member, relief=kind == "ReliefFeature")
         else:
             ledger.note("left out", f"{kind}: no building", name)
-    return surfaces.layer(ids, _crs(path, root))
+    return surfaces.layer(ids, _crs(path, root, crs))
 
 
 def _root(path: Path) -> ElementTree.Element:
@@ -85,12 +92,20 @@ def _root(path: Path) -> ElementTree.Element:
     try:
         with path.open("rb") as file:
             parser.ParseFile(file)
-    except expat.ExpatError as error:
+    except (expat.ExpatError, LookupError, ValueError) as error:  # the latter two: of encodings
         raise CityError(f"{path}: CityGML expected, found damaged XML ({error})") from error
     root: ElementTree.Element = builder.close()
     if _local(root) != "CityModel":
         raise CityError(f"{path}: CityGML with a CityModel expected, found {_local(root)}")
     return root
+
+
+def _depth(root: ElementTree.Element) -> int:
+    """How deep elements are nested; stops soon after the deepest that is allowed."""
+    depth, level = 0, [root]
+    while level and depth <= _DEEPEST:
+        depth, level = depth + 1, [child for element in level for child in element]
+    return depth
 
 
 def _local(element: ElementTree.Element) -> str:
@@ -110,21 +125,27 @@ def _members(root: ElementTree.Element) -> Iterator[ElementTree.Element]:
 def _at_level(building: ElementTree.Element, lod: str | None, name: str, ledger: Ledger) -> list[ElementTree.Element]:
     """The polygons of a building and its parts at the level of detail wanted, or the highest."""
     found: dict[int, list[ElementTree.Element]] = {}
+    parts: list[dict[int, list[ElementTree.Element]]] = []
 
-    def walk(element: ElementTree.Element, level: int | None) -> None:
+    def walk(element: ElementTree.Element, level: int | None, own: dict[int, list[ElementTree.Element]]) -> None:
         local = _local(element)
+        if local in ("BuildingPart", "BuildingInstallation"):
+            own = {}
+            parts.append(own)
         stated = _LEVEL.match(local)
         level = int(stated.group(1)) if stated else level
         if local in ("Polygon", "Triangle", "Rectangle"):
             if level is not None and level > 0:
-                found.setdefault(level, []).append(element)
+                found.setdefault(level, [])
+                own.setdefault(level, []).append(element)
             return
         if local in ("Room", "IntBuildingInstallation") or "TerrainIntersection" in local or "RoofEdge" in local:
             return
         for child in element:
-            walk(child, level)
+            walk(child, level, own)
 
-    walk(building, None)
+    whole: dict[int, list[ElementTree.Element]] = {}
+    walk(building, None, whole)
     if not found:
         return []
     wanted = max(found)
@@ -133,7 +154,12 @@ def _at_level(building: ElementTree.Element, lod: str | None, name: str, ledger:
         wanted = max((one for one in found if one <= asked), default=min(found))
         if wanted != asked:
             ledger.note("noted", f"building: no level of detail {lod}, taken at another", name)
-    return found[wanted]
+    polygons = list(whole.get(wanted, ()))
+    for own in parts:
+        # A part at lower levels only is not shown by anything else, unlike the whole.
+        below = [one for one in own if one <= wanted]
+        polygons += own.get(wanted if wanted in whole else max(below, default=wanted), ())
+    return polygons
 
 
 _Look = tuple[int | None, dict[str, list[float]], Color | None]
@@ -165,9 +191,10 @@ def _appearances(path: Path, root: ElementTree.Element, ledger: Ledger) -> tuple
                     looks[uri] = (places[image], coordinates, None)
         elif kind == "X3DMaterial":
             text = next((one.text or "" for one in element if _local(one) == "diffuseColor"), "")
-            red, green, blue = (
-                round(255 * min(max(one, 0.0), 1.0)) for one in _numbers(text or "0.8 0.8 0.8", path, kind)[:3]
-            )
+            parts = _numbers(text or "0.8 0.8 0.8", path, kind)[:3]
+            if len(parts) < 3 or not np.isfinite(parts).all():
+                raise CityError(f"{path}: X3DMaterial: a diffuseColor of three numbers expected, found {text[:40]!r}")
+            red, green, blue = (round(255 * min(max(one, 0.0), 1.0)) for one in parts)
             for target in (one for one in element if _local(one) == "target"):
                 looks.setdefault((target.text or "").strip().lstrip("#"), (None, {}, (red, green, blue)))
     return looks, shelf
@@ -180,7 +207,7 @@ def _numbers(text: str, path: Path, where: str) -> list[float]:
         raise CityError(f"{path}: {where}: numbers expected, found {text[:40]!r}") from error
 
 
-def _crs(path: Path, root: ElementTree.Element) -> pyproj.CRS | None:
+def _crs(path: Path, root: ElementTree.Element, fallback: pyproj.CRS | None) -> pyproj.CRS | None:
     """The horizontal CRS of the first envelope or geometry that names one."""
     for element in root.iter():
         name = element.attrib.get("srsName")
@@ -191,6 +218,8 @@ def _crs(path: Path, root: ElementTree.Element) -> pyproj.CRS | None:
                     raise ProjError(name)
                 crs = pyproj.CRS.from_epsg(int(found.group(1)))
             except ProjError as error:
+                if fallback is not None:
+                    return fallback
                 raise CityError(
                     f"{path}: srsName: an EPSG code expected, found {name[:80]!r}; name one with --crs"
                 ) from error
@@ -204,7 +233,7 @@ class _Surfaces:
     def __init__(self, path: Path, ledger: Ledger, looks: tuple[dict[str, _Look], PictureShelf]) -> None:
         self._path, self._ledger = path, ledger
         self._looks, self._shelf = looks
-        self._faces, self._ground = Faces(), Faces()
+        self._faces, self._relief, self._cover = Faces(), Faces(), Faces()
         self._points: list[tuple[float, ...]] = []
         self._places: dict[tuple[float, ...], int] = {}
         self._uv: list[list[float]] = []
@@ -225,11 +254,11 @@ class _Surfaces:
                     self._uv += own.tolist()
             self._faces.add(owner, rings, texture=texture, uv=uv, color=color)
 
-    def add_ground(self, name: str, member: ElementTree.Element) -> None:
-        """All polygons of a feature that lies on the ground, its highest level of detail."""
-        polygons = [one for one in member.iter() if _local(one) in ("Polygon", "Triangle")]
-        for polygon in polygons:
-            self._ground.add(0, self._rings(polygon, name)[0])
+    def add_ground(self, name: str, member: ElementTree.Element, *, relief: bool) -> None:
+        """All polygons of a feature that lies on the ground; what covers the ground tells nothing where it has a relief."""
+        faces = self._relief if relief else self._cover
+        for polygon in (one for one in member.iter() if _local(one) in ("Polygon", "Triangle")):
+            faces.add(0, self._rings(polygon, name)[0])
 
     def layer(self, ids: dict[str, int], crs: pyproj.CRS | None) -> ModelLayer:
         """The model; axes are exchanged where the CRS says latitude, or northing, first."""
@@ -246,7 +275,8 @@ class _Surfaces:
         items = tuple(RawModel(name, meshes[owner]) for name, owner in ids.items() if owner in meshes)
         for name in (name for name, owner in ids.items() if owner not in meshes):
             self._ledger.note("left out", "building: no surface with an area", name)
-        terrain = self._ground.meshes(points, np.empty((0, 2))).get(0)
+        ground = self._relief if len(self._relief) else self._cover
+        terrain = ground.meshes(points, np.empty((0, 2))).get(0)
         return ModelLayer(str(self._path), items, crs, self._shelf.textures(), terrain)
 
     def _rings(self, polygon: ElementTree.Element, name: str) -> tuple[list[list[int]], list[str]]:
@@ -255,7 +285,7 @@ class _Surfaces:
         for ring in (one for one in polygon.iter() if _local(one) == "LinearRing"):
             texts = [one.text or "" for one in ring.iter() if _local(one) in ("posList", "pos", "coordinates")]
             numbers = _numbers(" ".join(texts).replace(",", " "), self._path, f"object {name}")
-            if len(numbers) % 3 or not np.isfinite(numbers).all():
+            if len(numbers) % 3 or not (np.abs(numbers) < _FARTHEST).all():
                 raise CityError(
                     f"{self._path}: object {name}: points of three finite numbers expected, found {len(numbers)}"
                 )

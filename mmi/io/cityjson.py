@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -41,6 +42,10 @@ _BUILDING = (
 _GROUND = ("Road", "Railway", "Square", "TransportSquare", "LandUse", "PlantCover", "WaterBody", "Waterway")
 _DEPTH = MappingProxyType({"MultiSurface": 1, "CompositeSurface": 1, "Solid": 2, "MultiSolid": 3, "CompositeSolid": 3})
 _HEAD = 4096
+_FARTHEST = 1e9
+"""Coordinates beyond this are no place on earth in any units."""
+_DAMAGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, RecursionError)
+"""What Python raises on JSON of another shape than expected."""
 
 
 def is_cityjson(path: Path) -> bool:
@@ -56,17 +61,22 @@ def is_cityjson(path: Path) -> bool:
         return any(b'"CityObjects"' in piece for piece in iter(lambda: file.read(1 << 20), b""))
 
 
-def read_cityjson(path: Path, ledger: Ledger, *, lod: str | None = None) -> ModelLayer:
+def read_cityjson(path: Path, ledger: Ledger, *, lod: str | None = None, crs: pyproj.CRS | None = None) -> ModelLayer:
     """Everything that ``path`` holds. ``lod``: the level of detail wanted (``"2"``, ``"1.2"``); else the highest of each.
+
+    ``crs`` counts where the file's is none that can be understood.
 
     Raises:
         CityError: the file is damaged, or no CityJSON; names the object at fault.
     """
-    reader = _Reader(path, ledger, lod)
+    reader = _Reader(path, ledger, lod, crs)
     for document, features in _documents(path):
-        reader.begin(document)
-        for feature in features:
-            reader.take(feature)
+        try:
+            reader.begin(document)
+            for feature in features:
+                reader.take(feature)
+        except _DAMAGE as error:
+            raise CityError(f"{path}: CityJSON of its specification expected, found other ({_line(error)})") from error
     return reader.layer()
 
 
@@ -75,27 +85,24 @@ def _documents(path: Path) -> Iterator[tuple[dict[str, Any], Iterator[dict[str, 
     text = path.read_bytes()
     try:
         try:
-            whole = json.loads(text)
+            lines, sequence = [json.loads(text)], False
         except json.JSONDecodeError:
-            lines = [json.loads(line) for line in text.splitlines() if line.strip()]
+            lines, sequence = [json.loads(line) for line in text.splitlines() if line.strip()], True
             if len(lines) < 2:
                 raise
-            whole = None
     except (ValueError, RecursionError) as error:
-        raise CityError(f"{path}: CityJSON expected, found damaged JSON ({error})") from error
-    if whole is not None:
-        lines = [whole]
+        raise CityError(f"{path}: CityJSON expected, found damaged JSON ({_line(error)})") from error
     if not all(isinstance(line, dict) for line in lines):
         raise CityError(f"{path}: CityJSON objects expected, found other JSON")
     first = lines[0]
-    yield first, iter(lines if first.get("CityObjects") else lines[1:])
+    yield first, iter(lines[1:] if sequence and not first.get("CityObjects") else lines)
 
 
 class _Reader:
     """Collects what the documents of one file hold."""
 
-    def __init__(self, path: Path, ledger: Ledger, lod: str | None) -> None:
-        self._path, self._ledger, self._lod = path, ledger, lod
+    def __init__(self, path: Path, ledger: Ledger, lod: str | None, fallback: pyproj.CRS | None) -> None:
+        self._path, self._ledger, self._lod, self._fallback = path, ledger, lod, fallback
         self._faces = Faces()
         self._shelf = PictureShelf(ledger)
         self._points: list[NDArray[np.float64]] = [np.empty((0, 3))]
@@ -116,9 +123,9 @@ class _Reader:
         transform = document.get("transform")
         if transform is not None:
             try:
-                self._scale = np.array([float(one) for one in transform["scale"]])
-                self._translate = np.array([float(one) for one in transform["translate"]])
-            except (KeyError, TypeError, ValueError) as error:
+                self._scale = np.array([float(one) for one in transform["scale"]]).reshape(3)
+                self._translate = np.array([float(one) for one in transform["translate"]]).reshape(3)
+            except _DAMAGE as error:
                 raise CityError(f"{self._path}: transform: scale and translate expected, three numbers each") from error
         self._crs = self._declared_crs(document.get("metadata") or {})
 
@@ -129,24 +136,30 @@ class _Reader:
             raise CityError(f"{self._path}: CityObjects expected, found {type(objects).__name__}")
         self._appearance(feature.get("appearance") or {})
         try:
-            points = np.array(feature.get("vertices") or [], dtype=np.float64).reshape(-1, 3)
-        except (TypeError, ValueError) as error:
-            raise CityError(f"{self._path}: vertices: lists of three numbers expected ({error})") from error
-        points = points * self._scale + self._translate
-        if not np.isfinite(points).all():
-            raise CityError(f"{self._path}: vertices: finite numbers expected")
+            points = np.array(feature.get("vertices") or np.empty((0, 3)), dtype=np.float64)
+            if points.ndim != 2 or points.shape[1] != 3:
+                raise ValueError(f"found an array of shape {points.shape}")
+        except _DAMAGE as error:
+            raise CityError(f"{self._path}: vertices: lists of three numbers expected ({_line(error)})") from error
+        with np.errstate(over="ignore", invalid="ignore"):
+            points = points * self._scale + self._translate
+        if not (np.abs(points) < _FARTHEST).all():
+            raise CityError(f"{self._path}: vertices: finite numbers expected, below {_FARTHEST:g}")
         self._points.append(points)
-        families: dict[str, list[str]] = {}
         for name, one in objects.items():
             if not isinstance(one, dict):
-                raise CityError(f"{self._path}: object {name}: a JSON object expected")
-            families.setdefault(self._family(name, objects), []).append(name)
+                raise CityError(f"{self._path}: object {name}: a JSON object expected, found {type(one).__name__}")
+        families: dict[str, list[str]] = {}
+        parents = _parents(objects)
+        for name in objects:
+            families.setdefault(_family(name, parents), []).append(name)
         for family, members in families.items():
             try:
                 self._take_family(family, [(name, objects[name]) for name in members], len(points))
-            except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+            except _DAMAGE as error:
                 raise CityError(
-                    f"{self._path}: object {family}: geometry as CityJSON describes it expected, found other ({error})"
+                    f"{self._path}: object {family}: geometry as CityJSON describes it expected, found other"
+                    f" ({_line(error)})"
                 ) from error
         self._count += len(points)
 
@@ -168,21 +181,10 @@ class _Reader:
 
     # ------------------------------------------------------------------------------------------------- objects
 
-    def _family(self, name: str, objects: Mapping[str, Any]) -> str:
-        """The first-level object that ``name`` belongs to."""
-        seen = {name}
-        while True:
-            parents = objects[name].get("parents") or [objects[name].get("parent")]
-            parent = parents[0] if parents else None
-            if not isinstance(parent, str) or parent not in objects or parent in seen:
-                return name
-            name = parent
-            seen.add(name)
-
     def _take_family(self, family: str, members: list[tuple[str, dict[str, Any]]], vertices: int) -> None:
         kinds = {one["type"].lstrip("+") for _, one in members}
         if kinds & set(_BUILDING):
-            self._take_building(family, [one for _, one in members if one["type"] in _BUILDING], vertices)
+            self._take_building(family, [(name, one) for name, one in members if one["type"] in _BUILDING], vertices)
             return
         for name, one in members:
             kind = one["type"]
@@ -196,13 +198,15 @@ class _Reader:
             if kind not in ("TINRelief", *_GROUND):
                 self._ledger.note("left out", f"{kind}: no building", name)
 
-    def _take_building(self, family: str, members: list[dict[str, Any]], vertices: int) -> None:
+    def _take_building(self, family: str, members: list[tuple[str, dict[str, Any]]], vertices: int) -> None:
         """The surfaces of a building and its parts at one level of detail."""
         self._ledger.note("read", "buildings")
-        choices = [geometry for one in members for geometry in one.get("geometry") or [] if geometry["type"] in _DEPTH]
+        choices = [
+            geometry for _, one in members for geometry in one.get("geometry") or [] if geometry["type"] in _DEPTH
+        ]
         levels = sorted({_level(geometry) for geometry in choices if _level(geometry) >= 1.0})
         if not levels:
-            other = any(one.get("geometry") for one in members)
+            other = any(one.get("geometry") for _, one in members)
             self._ledger.note("left out", f"building: {'only footprints' if other else 'no geometry'}", family)
             return
         wanted = levels[-1]
@@ -211,12 +215,22 @@ class _Reader:
             wanted = max((one for one in levels if one <= limit), default=levels[0])
             if not float(self._lod) <= wanted <= limit:
                 self._ledger.note("noted", f"building: no level of detail {self._lod}, taken at another", family)
+        whole = any(
+            name == family and geometry["type"] in _DEPTH and _level(geometry) == wanted
+            for name, one in members
+            for geometry in one.get("geometry") or []
+        )
         if family in self._ids:
             raise CityError(f"{self._path}: object {family}: an id of its own expected, found it twice")
         owner = self._ids.setdefault(family, len(self._ids))
-        for one in members:
+        for name, one in members:
             own = [geometry for geometry in one.get("geometry") or [] if geometry["type"] in _DEPTH]
-            at_level = [geometry for geometry in own if _level(geometry) == wanted]
+            level = wanted
+            if name != family and not whole:
+                # A part at lower levels only is not shown by anything else, unlike its parent.
+                below = [found for found in map(_level, own) if 1.0 <= found <= wanted]
+                level = max(below, default=wanted)
+            at_level = [geometry for geometry in own if _level(geometry) == level]
             if at_level:
                 self._add(self._faces, owner, max(at_level, key=_worth), vertices, looks=True)
 
@@ -225,13 +239,16 @@ class _Reader:
         surfaces = list(_surfaces(geometry["boundaries"], depth))
         textures = _values(geometry.get("texture"), depth, len(surfaces)) if looks else None
         materials = _values(geometry.get("material"), depth, len(surfaces)) if looks else None
-        for i, surface in enumerate(surfaces):
-            rings = []
-            for ring in surface:
-                if not all(0 <= k < vertices for k in ring):
-                    raise ValueError(f"vertex {max(ring, default=-1)} of {vertices}")
-                rings.append([self._count + k for k in ring])
-            texture, uv = self._texture(textures[i] if textures else None, len(self._textures))
+        every = list(chain.from_iterable(chain.from_iterable(surfaces)))
+        if every and not (set(map(type, every)) == {int} and min(every) >= 0 and max(every) < vertices):
+            raise ValueError(f"vertex {str(max(every))[:20]} of {vertices}")
+        if self._count:  # points of features that came before
+            surfaces = [[[self._count + k for k in ring] for ring in surface] for surface in surfaces]
+        if not (textures or materials):
+            faces.add_bare(owner, surfaces)
+            return
+        for i, rings in enumerate(surfaces):
+            texture, uv = self._texture(textures[i], len(self._textures)) if textures else (None, [])
             place = materials[i] if materials else None
             color = self._materials[place] if isinstance(place, int) and 0 <= place < len(self._materials) else None
             faces.add(owner, rings, texture=texture, uv=uv, color=color)
@@ -273,6 +290,8 @@ class _Reader:
                 raise ProjError(str(system))
             crs = pyproj.CRS.from_epsg(int(found.group(1)))
         except ProjError as error:
+            if self._fallback is not None:
+                return self._fallback
             raise CityError(
                 f"{self._path}: referenceSystem: an EPSG code expected, found {str(system)[:80]!r}; name one with --crs"
             ) from error
@@ -281,14 +300,16 @@ class _Reader:
     def _appearance(self, appearance: Mapping[str, Any]) -> None:
         """Pictures, colours and texture coordinates of a document or feature."""
         self._uv_count += len(self._uv[-1])
-        table = appearance.get("vertices-texture") or appearance.get("vertex-texture") or []
         try:
-            self._uv.append(np.array(table, dtype=np.float64).reshape(-1, 2))
+            table = appearance.get("vertices-texture") or appearance.get("vertex-texture") or np.empty((0, 2))
+            self._uv.append(np.array(table, dtype=np.float64))
+            if self._uv[-1].shape != (len(table), 2) or not np.isfinite(self._uv[-1]).all():
+                raise ValueError("vertices-texture: pairs of finite numbers")
             self._textures = [self._picture(str(one["image"])) for one in appearance.get("textures") or []]
             self._materials = [_color(one.get("diffuseColor")) for one in appearance.get("materials") or []]
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except _DAMAGE as error:
             raise CityError(
-                f"{self._path}: appearance: as CityJSON describes it expected, found other ({error})"
+                f"{self._path}: appearance: as CityJSON describes it expected, found other ({_line(error)})"
             ) from error
 
     def _picture(self, image: str) -> int | None:
@@ -304,6 +325,36 @@ class _Reader:
             else:
                 self._images[image] = self._shelf.place(file.read_bytes(), image, alpha=True)
         return self._images[image]
+
+
+def _line(error: BaseException) -> str:
+    """What the error says, in one short line."""
+    return " ".join(str(error).split())[:160]
+
+
+def _parents(objects: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
+    """Parts and what they are parts of. Groups are no wholes; the oldest files tell a whole its parts only."""
+    found: dict[str, str] = {}
+    for name, one in objects.items():
+        if one.get("type") != "CityObjectGroup":
+            for key in ("children", "Parts", "Installations"):
+                found |= dict.fromkeys(one.get(key) or [], name)
+    for name, one in objects.items():
+        own = one.get("parents") or [one.get("parent")]
+        for parent in own if isinstance(own, list) else []:
+            if isinstance(parent, str) and parent in objects and objects[parent].get("type") != "CityObjectGroup":
+                found[name] = parent
+                break
+    return found
+
+
+def _family(name: str, parents: Mapping[str, str]) -> str:
+    """The first-level object that ``name`` belongs to."""
+    seen = {name}
+    while name in parents and parents[name] not in seen:
+        name = parents[name]
+        seen.add(name)
+    return name
 
 
 def _level(geometry: Mapping[str, Any]) -> float:

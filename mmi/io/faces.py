@@ -7,6 +7,7 @@ a file are collected first, as lists of numbers, and turned into meshes at once.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 
 import mapbox_earcut
 import numpy as np
@@ -18,6 +19,8 @@ __all__ = ["Color", "Faces", "triangulate_faces"]
 
 Color = tuple[int, int, int]
 """sRGB bytes."""
+_MOST_REPEATS = 1e5
+"""Texture coordinates beyond this are taken for damage."""
 
 
 class Faces:
@@ -52,6 +55,11 @@ class Faces:
         lengths: list[int] = []
         for i, ring in enumerate(rings):
             own = uv[i] if texture is not None and i < len(uv) and len(uv[i]) == len(ring) else None
+            if len(set(ring)) == len(ring) > 2:  # nearly all
+                points += ring
+                places += own or [-1] * len(ring)
+                lengths.append(len(ring))
+                continue
             kept = [k for k in range(len(ring)) if ring[k] != ring[k - 1] or len(ring) == 1]
             if len(kept) < 3:
                 if i == 0:
@@ -60,6 +68,8 @@ class Faces:
             points += [ring[k] for k in kept]
             places += [-1] * len(kept) if own is None else [own[k] for k in kept]
             lengths.append(len(kept))
+        if not lengths:
+            return False
         self._points += points
         self._uv += places
         self._ring_lengths += lengths
@@ -68,6 +78,21 @@ class Faces:
         kind = PAINTED if texture is None and color is None else PLAIN if texture is None else texture
         self._looks.append((kind, *((255, 255, 255) if color is None or kind >= 0 else color)))
         return True
+
+    def add_bare(self, owner: int, faces: Sequence[Sequence[Sequence[int]]]) -> None:
+        """Faces without looks, as ``add`` would one by one, many at once."""
+        rings = list(chain.from_iterable(faces))
+        if not all(faces) or not all(len(set(ring)) == len(ring) > 2 for ring in rings):
+            for face in faces:
+                self.add(owner, face)
+            return
+        before = len(self._points)
+        self._points += chain.from_iterable(rings)
+        self._uv += [-1] * (len(self._points) - before)
+        self._ring_lengths += map(len, rings)
+        self._ring_counts += map(len, faces)
+        self._owners += [owner] * len(faces)
+        self._looks += [(PAINTED, 255, 255, 255)] * len(faces)
 
     def meshes(self, points: NDArray[np.float64], uv: NDArray[np.float64]) -> dict[int, TriangleMesh]:
         """A mesh for each owner that has triangles, from the tables ``points`` (n, 3) and ``uv`` (k, 2)."""
@@ -78,9 +103,10 @@ class Faces:
         table = np.vstack([uv.reshape(-1, 2), np.zeros((1, 2))])  # -1 is the last
         looks = np.array(self._looks)[face]
         coordinates = table[corner_uv[triangles]]
-        # A picture without coordinates everywhere shows nothing: its face is plain.
-        bare = (looks[:, 0] >= 0) & (corner_uv[triangles] < 0).any(axis=1)
-        looks[bare, 0] = PLAIN
+        # A picture without (sane) coordinates everywhere shows nothing: its face is plain.
+        known = (corner_uv[triangles] >= 0).all(axis=1) & (np.abs(coordinates) < _MOST_REPEATS).all(axis=(1, 2))
+        coordinates[~known] = 0.0
+        looks[(looks[:, 0] >= 0) & ~known, 0] = PLAIN
         owners = np.array(self._owners)[face]
         order = np.argsort(owners, kind="stable")
         owners, triangles = owners[order], place[triangles[order]]

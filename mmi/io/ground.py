@@ -10,6 +10,7 @@ import numpy as np
 import pyproj
 import shapely
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from mmi.city import CityObject, Prism, TriangleMesh
 from mmi.errors import CityError
@@ -27,6 +28,8 @@ _AROUND = 30.0
 """Metres of terrain around the city."""
 _FLAT = 1.0
 """Metres: where feet differ less, the ground is flat."""
+_NEAR, _STEEPEST = 60.0, 0.25
+"""Metres around a building within which others tell whether it hangs, and the slope of the ground that is believed."""
 _DEEPEST = 6.0
 """Metres that a building is let down to the ground at most; what stands higher hangs in the air on purpose."""
 
@@ -73,6 +76,8 @@ def ground_of_model(
 
 def ground_of_buildings(objects: Sequence[CityObject], bounds: Box, ledger: Ledger) -> Ground:
     """Ground at the feet of the buildings: flat where they differ little."""
+    standing = _standing(objects)
+    objects = [one for one, stands in zip(objects, standing, strict=True) if stands]
     rings, of = shapely.get_coordinates([one.footprint for one in objects], return_index=True)
     feet = np.array([one.base for one in objects])
     low, high = np.quantile(feet, [0.05, 0.95])
@@ -82,6 +87,17 @@ def ground_of_buildings(objects: Sequence[CityObject], bounds: Box, ledger: Ledg
     ledger.note("inferred", "ground from the feet of the buildings", count=len(objects))
     points = np.column_stack([rings, feet[of]])
     return terrain_from_points(points, bounds=wide, spacing=choose_spacing(wide))[0]
+
+
+def _standing(objects: Sequence[CityObject]) -> NDArray[np.bool_]:
+    """(n,) which objects stand on the ground, by their neighbours: what hangs is above a slope up from a lower foot."""
+    xy = shapely.get_coordinates(shapely.centroid([one.footprint for one in objects]))
+    feet = np.array([one.base for one in objects])
+    tree = cKDTree(xy)
+    away, near = tree.query(xy, k=min(16, len(objects)), distance_upper_bound=_NEAR)
+    away, near = away.reshape(len(xy), -1), near.reshape(len(xy), -1)
+    limit = np.append(feet, np.inf)[near] + _STEEPEST * np.where(np.isfinite(away), away, 0.0) + _FLAT
+    return np.asarray(feet <= limit.min(axis=1))
 
 
 def settled(objects: Sequence[CityObject], ground: Ground, ledger: Ledger) -> tuple[CityObject, ...]:
@@ -124,7 +140,7 @@ def _under(one: CityObject, ground: Ground) -> tuple[float, float]:
     """Lowest and mean height of the ground at the corners of an outline."""
     if not isinstance(ground, Terrain):
         return ground, ground
-    heights = ground.at(shapely.get_coordinates(one.footprint))
+    heights = ground.at(shapely.get_coordinates(shapely.extract_unique_points(one.footprint)))
     return float(heights.min()), float(heights.mean())
 
 

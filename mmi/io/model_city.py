@@ -52,15 +52,15 @@ def is_model(path: Path) -> bool:
     return path.is_file() and (is_mesh(path) or is_citygml(path) or is_cityjson(path))
 
 
-def read_model(path: Path, ledger: Ledger, *, lod: str | None, up: str) -> ModelLayer:
-    """The model in ``path``; see the readers for ``lod`` and ``up``."""
+def read_model(path: Path, ledger: Ledger, *, lod: str | None, up: str, crs: CRS | None = None) -> ModelLayer:
+    """The model in ``path``; see the readers for ``lod``, ``up`` and ``crs``."""
     if is_mesh(path):
         if lod is not None:
             raise ParameterError(f"--lod: {path} has no levels of detail; found {lod!r}")
         layer = read_meshes(path, ledger, up=up)
     else:
         read = read_citygml if is_citygml(path) else read_cityjson
-        layer = read(path, ledger, lod=lod)
+        layer = read(path, ledger, lod=lod, crs=crs)
     if not layer.items:
         raise CityError(f"{path}: no buildings; expected objects of type Building, or named nodes with triangles")
     return layer

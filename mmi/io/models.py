@@ -6,24 +6,27 @@ prisms stand on what is left of the projection at a few heights.
 **Cores.** Let every directed edge of a mesh have as many opposites (solids, also several that touch), but for edges at its
 foot (where the floor is missing). Above the foot, and below every face that looks up over some area, a vertical line
 through that area has crossed faces that look down only: it is inside. So over the projection less that of all faces that
-look up and reach below a height h, or look down and reach above the foot, a prism up to h is solid. Meshes that are not
-closed in this sense hide nothing.
+look up and reach below a height h, or look down and reach above the foot, a prism up to h is solid. Pieces of a mesh that
+share no points are looked at one by one, since no sight passes any of them; those not closed in this sense hide nothing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from mmi.city import CityObject, Prism, TriangleMesh
 from mmi.errors import CityError
+from mmi.io.needles import without_needles
 from mmi.io.raw import ModelLayer
 from mmi.io.report import Ledger
 
@@ -64,7 +67,8 @@ def objects_from_models(
         mesh = _cleaned(replace(item.mesh, vertices=moved[start:end]), item.id, ledger)
         if mesh is None:
             continue
-        closed, foot = _closed(mesh)
+        foot = _foot(mesh)
+        closed = foot <= mesh.vertices[:, 2].min() + _FOOT
         if closed and _volume(mesh) < 0.0:
             mesh = _turned(mesh)
             ledger.note("repaired", "building: faced inwards, turned", item.id)
@@ -72,9 +76,13 @@ def objects_from_models(
         if not prisms:
             ledger.note("left out", "building: no height or no area", item.id)
             continue
-        core = _core(mesh, foot) if closed else ()
-        if not closed:
+        bodies = [(mesh, foot)] if closed else []
+        count, of = _bodies(mesh)
+        if count > 1:
+            bodies = list(_closed_bodies(mesh, count, of))
+        if not bodies:
             ledger.note("noted", "building: not closed, hides nothing", item.id)
+        core = tuple(prism for body, own_foot in bodies for prism in _core(body, own_foot))
         objects.append(CityObject(item.id, prisms, mesh, core))
     if not objects:
         raise CityError(f"{layer.file}: no buildings; expected objects with surfaces, found {len(layer.items)} without")
@@ -83,40 +91,82 @@ def objects_from_models(
 
 def _cleaned(mesh: TriangleMesh, name: str, ledger: Ledger) -> TriangleMesh | None:
     """Without triangles that have no area or repeat another; None where nothing is left."""
+    if not len(mesh.triangles):
+        ledger.note("left out", "building: no surface with an area", name)
+        return None
+    mesh = without_needles(mesh)
     corners = mesh.vertices[mesh.triangles]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    same = np.sort(mesh.triangles, axis=1)
-    first = np.zeros(len(same), dtype=bool)
+    order, place = _welded(mesh.vertices)
     # Two that face each other are a wall between two solids: only the same way round is a repetition.
-    turn = np.argmin(mesh.triangles, axis=1)
-    rolled = np.take_along_axis(mesh.triangles, (turn[:, None] + np.arange(3)) % 3, axis=1)
-    first[np.unique(rolled, axis=0, return_index=True)[1]] = True
+    triangles = place[mesh.triangles]
+    turn = np.argmin(triangles, axis=1)
+    rolled = np.take_along_axis(triangles, (turn[:, None] + np.arange(3)) % 3, axis=1)
+    first = np.zeros(len(rolled), dtype=bool)
+    first[np.unique((rolled[:, 0] * len(order) + rolled[:, 1]) * len(order) + rolled[:, 2], return_index=True)[1]] = (
+        True
+    )
+    first |= area <= 1e-9  # those go for another reason
     keep = (area > 1e-9) & first
     if not keep.any():
         ledger.note("left out", "building: no surface with an area", name)
         return None
     if not first.all():
         ledger.note("repaired", "building: repeated faces dropped", name, count=int((~first).sum()))
-    if keep.all():
-        return mesh
-    return TriangleMesh(mesh.vertices, mesh.triangles[keep], mesh.textures[keep], mesh.colors[keep], mesh.uv[keep])
+    # What no triangle uses would be no part of the building, but count in its bounds.
+    used, corner = np.unique(triangles[keep], return_inverse=True)
+    return TriangleMesh(
+        mesh.vertices[order[used]],
+        corner.reshape(-1, 3).astype(np.int32),
+        mesh.textures[keep],
+        mesh.colors[keep],
+        mesh.uv[keep],
+    )
 
 
-def _closed(mesh: TriangleMesh) -> tuple[bool, float]:
-    """Whether edges have their opposites but at the foot, and the height that the foot reaches up to."""
-    _, place = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    corners = place.reshape(-1)[mesh.triangles]
-    a, b = corners.reshape(-1).astype(np.int64), np.roll(corners, -1, axis=1).reshape(-1).astype(np.int64)
-    count = int(place.max()) + 1
-    keys, sign = np.minimum(a, b) * count + np.maximum(a, b), np.where(a < b, 1, -1)
-    edges, inverse = np.unique(keys, return_inverse=True)
-    open_ = np.flatnonzero(np.bincount(inverse.reshape(-1), weights=sign) != 0.0)
-    height = np.full(count, -np.inf)
-    np.maximum.at(height, place.reshape(-1), mesh.vertices[:, 2])
-    lowest = float(mesh.vertices[mesh.triangles, 2].min())
-    ends = np.concatenate([edges[open_] // count, edges[open_] % count])
-    foot = float(height[ends].max(initial=lowest))
-    return foot <= lowest + _FOOT, foot
+def _welded(vertices: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Which vertices differ, and the place (n,) of each vertex among those."""
+    order = np.lexsort(vertices.T)
+    new = np.append(True, (np.diff(vertices[order], axis=0) != 0.0).any(axis=1))
+    place = np.empty(len(vertices), dtype=np.int64)
+    place[order] = np.cumsum(new) - 1
+    return order[new], place
+
+
+def _foot(mesh: TriangleMesh) -> float:
+    """The height above which all edges have their opposites; minus infinity where all have anyway."""
+    a = mesh.triangles.reshape(-1).astype(np.int64)
+    b = mesh.triangles[:, [1, 2, 0]].reshape(-1).astype(np.int64)
+    count = len(mesh.vertices)
+    edges, inverse = np.unique(np.minimum(a, b) * count + np.maximum(a, b), return_inverse=True)
+    open_ = edges[np.bincount(inverse.reshape(-1), weights=np.where(a < b, 1.0, -1.0)) != 0.0]
+    return float(mesh.vertices[np.append(open_ // count, open_ % count), 2].max(initial=-np.inf))
+
+
+def _bodies(mesh: TriangleMesh) -> tuple[int, NDArray[np.int64]]:
+    """How many pieces of a mesh share no points, and the piece (m,) of each triangle."""
+    n, (a, b, c) = len(mesh.vertices), mesh.triangles.T
+    links = coo_array((np.ones(2 * len(a), dtype=bool), (np.append(a, b), np.append(b, c))), shape=(n, n))
+    count, of = connected_components(links, directed=False)
+    return int(count), np.asarray(of[a], dtype=np.int64)
+
+
+def _closed_bodies(mesh: TriangleMesh, count: int, of: NDArray[np.int64]) -> Iterator[tuple[TriangleMesh, float]]:
+    """The pieces that are closed and large enough for a core, with their feet.
+
+    What may be open below stands on the ground; what starts higher up has a floor.
+    """
+    corners = mesh.vertices[mesh.triangles]
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, of, corners.min(axis=1))
+    np.maximum.at(high, of, corners.max(axis=1))
+    size = high - low
+    for i in np.flatnonzero((size[:, 2] >= _LOW_CORE) & (size[:, 0] * size[:, 1] >= _LEAST_CORE)).tolist():
+        used, places = np.unique(mesh.triangles[of == i], return_inverse=True)
+        body = TriangleMesh(mesh.vertices[used], places.reshape(-1, 3).astype(np.int32))
+        foot = _foot(body)
+        if foot <= low[:, 2].min() + _FOOT:
+            yield body, foot
 
 
 def _volume(mesh: TriangleMesh) -> float:
@@ -131,7 +181,7 @@ def _turned(mesh: TriangleMesh) -> TriangleMesh:
 
 
 def _bounds(mesh: TriangleMesh) -> tuple[Prism, ...]:
-    """Prisms that hold all of the mesh."""
+    """Prisms that hold all of the mesh: above each step those triangles that reach higher."""
     corners = mesh.vertices[mesh.triangles]
     highest = corners[:, :, 2].max(axis=1)
     low, high = float(corners[:, :, 2].min()), float(highest.max())
@@ -141,7 +191,7 @@ def _bounds(mesh: TriangleMesh) -> tuple[Prism, ...]:
     tops = [low, *_steps(corners, highest, low, high), high]
     prisms: list[Prism] = []
     for bottom, top in pairwise(tops):
-        above = highest > bottom
+        above = (highest > bottom) | (bottom == low)
         prisms += [Prism(part, bottom, top) for part in _outline(flat[above], corners[above])]
     return tuple(prisms)
 
@@ -176,19 +226,23 @@ def _projected(corners: NDArray[np.float64]) -> NDArray[np.object_]:
 
 def _outline(flat: NDArray[np.object_], corners: NDArray[np.float64]) -> list[Polygon]:
     """Polygons that cover the projected triangles."""
-    filled = shapely.area(flat) > 1e-6
+    sides = corners[:, [1, 2, 0], :2] - corners[:, :, :2]
+    doubled = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+    # Triangles no wider than this would vanish in the grid of a union: they are lines, like walls.
+    filled = doubled > 5.0 * _GRID * np.sqrt((sides**2).sum(axis=2).max(axis=1))
     shape: BaseGeometry = shapely.union_all(flat[filled], grid_size=_GRID)
-    walls = shapely.linestrings(corners[~filled][:, [0, 1, 2], :2])
-    lines = walls[~shapely.covered_by(walls, shape.buffer(1e-3))] if len(walls) else walls
-    if len(lines):
+    flat = np.where(filled, flat, shapely.linestrings(corners[:, [0, 1, 2], :2]))
+    near = shape.buffer(1.5 * _GRID)
+    shapely.prepare(near)
+    rest = flat[~shapely.covers(near, flat)]  # walls that bound nothing, and needles, whose tips were lost
+    if len(rest):
         shape = shapely.union_all(
-            [shape, *shapely.buffer(lines, _THIN, cap_style="square", quad_segs=1)], grid_size=_GRID
+            [shape, *shapely.buffer(rest, _THIN, cap_style="square", quad_segs=1)], grid_size=_GRID
         )
     if shapely.get_num_coordinates(shape) > _ROUGH:
-        shape = shapely.set_precision(shape.buffer(0.1, join_style="mitre").simplify(0.1), _GRID)
-    return [
-        part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and part.area > 1e-4 and part.is_valid
-    ]
+        shape = shapely.set_precision(shape.buffer(0.1 + 2 * _GRID, join_style="mitre").simplify(0.1), _GRID)
+    parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and not part.is_empty]
+    return [part if part.area > 1e-4 else part.buffer(_THIN, join_style="mitre") for part in parts]
 
 
 def _core(mesh: TriangleMesh, foot: float) -> tuple[Prism, ...]:

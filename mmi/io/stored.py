@@ -22,7 +22,17 @@ from mmi.terrain import Terrain
 
 __all__ = ["canonical_json", "city_from_json", "city_to_json", "fingerprint", "object_fingerprints"]
 
-_MESH = ("vertices", "triangles", "textures", "colors", "uv")
+_MESH = (("vertices", "<f8"), ("triangles", "<i4"), ("textures", "<i4"), ("colors", "|u1"), ("uv", "<f4"))
+_DAMAGE = (
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    ArithmeticError,  # a whole number expected, infinity found
+    RecursionError,
+    zlib.error,
+    shapely.errors.ShapelyError,
+)
 _CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
 
 
@@ -102,9 +112,9 @@ def city_from_json(data: bytes, *, name: str) -> City:
             source=str(stored["source"]),
             ground=float(stored["ground"]),
             terrain=_terrain(stored["terrain"]),
-            textures=tuple(Texture(str(one["name"]), _unpacked(one["image"])) for one in stored["textures"]),
+            textures=tuple(Texture(str(one["name"]), _unpacked(one["image"], "|u1")) for one in stored["textures"]),
         )
-    except (ValueError, KeyError, TypeError, AttributeError, zlib.error, shapely.errors.ShapelyError) as error:
+    except _DAMAGE as error:
         raise CityError(f"{name}: a city stored by build-impostors expected, found damaged data ({error})") from error
 
 
@@ -115,10 +125,9 @@ def _packed(array: NDArray[Any]) -> dict[str, Any]:
     return {"kind": kind.str, "shape": list(array.shape), "data": data}
 
 
-def _unpacked(stored: dict[str, Any]) -> NDArray[Any]:
-    kind = np.dtype(stored["kind"])
-    if kind.kind not in "uif":
-        raise ValueError(f"an array of numbers expected, found {stored['kind']!r}")
+def _unpacked(stored: dict[str, Any], kind: str) -> NDArray[Any]:
+    if stored["kind"] != kind:
+        raise ValueError(f"an array of {kind} expected, found {stored['kind']!r}")
     data = zlib.decompress(base64.b64decode(stored["data"], validate=True))
     return np.frombuffer(data, dtype=kind).reshape([int(one) for one in stored["shape"]])
 
@@ -127,7 +136,7 @@ def _terrain(stored: dict[str, Any] | None) -> Terrain | None:
     if stored is None:
         return None
     x, y = (float(one) for one in stored["origin"])
-    return Terrain((x, y), float(stored["spacing"]), _unpacked(stored["heights"]))
+    return Terrain((x, y), float(stored["spacing"]), _unpacked(stored["heights"], "<f8"))
 
 
 def _objects_to_dicts(objects: tuple[CityObject, ...]) -> Iterator[dict[str, Any]]:
@@ -139,7 +148,7 @@ def _objects_to_dicts(objects: tuple[CityObject, ...]) -> Iterator[dict[str, Any
         if one.core is not None:
             stored["core"] = _prisms_to_dicts(one.core, rings)
         if one.mesh is not None:
-            stored["mesh"] = {name: _packed(getattr(one.mesh, name)) for name in _MESH}
+            stored["mesh"] = {name: _packed(getattr(one.mesh, name)) for name, _ in _MESH}
         yield stored
 
 
@@ -159,10 +168,12 @@ def _rings(polygons: list[Polygon]) -> Iterator[list[list[list[float]]]]:
 
 def _object_from_dict(stored: dict[str, Any]) -> CityObject:
     mesh, core = stored.get("mesh"), stored.get("core")
+    if not isinstance(stored["id"], str):
+        raise ValueError(f"an object's id as text expected, found {stored['id']!r}")
     return CityObject(
         id=stored["id"],
         prisms=_prisms_from_dicts(stored["prisms"]),
-        mesh=None if mesh is None else TriangleMesh(*(_unpacked(mesh[name]) for name in _MESH)),
+        mesh=None if mesh is None else TriangleMesh(*(_unpacked(mesh[name], kind) for name, kind in _MESH)),
         core=None if core is None else _prisms_from_dicts(core),
     )
 

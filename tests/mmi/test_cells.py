@@ -11,14 +11,17 @@ import networkx as nx
 import numpy as np
 import pytest
 import shapely
+from hills import waves
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import LineString, Polygon, box, shape
 
 from mmi import cells
+from mmi.budgets import halves
 from mmi.cells import CellReport, ViewingCell, spread, viewing_cells
 from mmi.city import City, CityObject, Prism
 from mmi.errors import CityError, ParameterError
+from mmi.terrain import Terrain
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 
@@ -296,3 +299,118 @@ def test_real_city(name):
     # Chords and merging shorten streets by little; what is missing besides is what buildings took.
     assert 0.995 * report.street_length <= report.cell_length + report.cut_length <= report.street_length
     assert report.cells <= report.street_length / 40.0 * 3
+
+
+# Hills
+
+
+def on_hills(terrain, lines, boxes=(), **options):
+    city = city_of(lines, boxes, **options)
+    return City(city.objects, city.streets, city.crs, city.origin, city.source, terrain=terrain)
+
+
+def anywhere(cell, count, rng):
+    """Points (count, 2) of the cell's region, many of them on its outline, and their shares of the way from p to q."""
+    p, q = np.array(cell.p), np.array(cell.q)
+    left = np.array([-(q - p)[1], (q - p)[0]]) / cell.length * cell.half_width
+    t, s = rng.random((count, 1)), rng.uniform(-1.0, 1.0, (count, 1))
+    s[: count // 2] = np.sign(s[: count // 2])
+    return p + t * (q - p) + s * left, t[:, 0]
+
+
+ENDS = st.tuples(st.floats(-120.0, 120.0), st.floats(-120.0, 120.0))
+HILLS = st.builds(
+    lambda seed, spacing, steep: waves(seed, size=140.0, spacing=spacing, steep=steep),
+    st.integers(0, 40),
+    st.sampled_from([2.0, 8.0, 25.0]),
+    st.sampled_from([0.05, 0.2, 0.5]),
+)
+
+
+@settings(deadline=None, max_examples=40)
+@given(HILLS, st.lists(st.tuples(ENDS, ENDS), min_size=1, max_size=3), st.sampled_from([1.0, 3.0, 8.0]))
+def test_eye_bands_hold_the_eyes_of_a_walker_anywhere_in_the_cell(terrain, lines, half_width):
+    lines = [line for line in lines if math.dist(*line) > 1.0]
+    rng = np.random.default_rng(1)
+    for cell in cells_of(viewing_cells(on_hills(terrain, lines, half_width=half_width))):
+        points, t = anywhere(cell, 400, rng)
+        ground = terrain.at(points)
+        low, high = cell.eye
+        assert low <= ground.min() + 1.5 + 0.03
+        assert ground.max() + 1.9 <= high + 0.03
+        # And not much more than that: the band of a cell is as high as its ground is uneven.
+        assert high - low <= np.ptp(ground) + abs(cell.rise) + 0.4 + 0.5
+        bands = np.array([cell.eye_at(share) for share in t])
+        assert (bands[:, 0] <= ground + 1.5 + 0.03).all()
+        assert (ground + 1.9 <= bands[:, 1] + 0.03).all()
+        a, b = terrain.at([cell.p, cell.q])
+        assert cell.rise == pytest.approx(b - a, abs=1e-9)
+
+
+@settings(deadline=None, max_examples=40)
+@given(HILLS, st.lists(st.tuples(ENDS, ENDS), min_size=1, max_size=3))
+def test_no_cell_is_steeper_than_it_may_be_unless_it_is_short(terrain, lines):
+    lines = [line for line in lines if math.dist(*line) > 1.0]
+    graph = viewing_cells(on_hills(terrain, lines))
+    flat = viewing_cells(city_of(lines))
+    for cell in cells_of(graph):
+        along = np.linspace(cell.p, cell.q, 200)
+        ground = terrain.at(along)
+        assert np.ptp(ground) <= cells.STEEPEST + 0.05 or cell.length <= cells.SHORT_PIECE + 1e-6
+        assert cell.length >= min(0.5 * cells.SHORT_PIECE, math.dist(cell.p, cell.q))
+    assert len(graph) >= len(flat)
+    assert graph.graph["report"].cell_length == pytest.approx(flat.graph["report"].cell_length)
+    assert sorted(nx.number_connected_components(one) for one in (graph, flat))[0] == len(
+        list(nx.connected_components(graph))
+    )
+
+
+def test_cells_on_hills_have_the_names_and_neighbours_of_their_pieces():
+    """Of two streets that meet, the steep one is cut into ten metres, the level one as on flat ground."""
+    terrain = Terrain((-200.0, -200.0), 100.0, np.tile(np.maximum(np.arange(-200.0, 201.0, 100.0), 0.0) * 0.2, (5, 1)))
+    graph = viewing_cells(on_hills(terrain, [[(0, 0), (100, 0)], [(0, 0), (-80, 0)], [(0, 0), (0, 80)]]))
+    assert list(graph) == [
+        *(f"0000-{i:02d}" for i in range(10)),
+        *(f"{street:04d}-{i:02d}" for street in (1, 2) for i in range(2)),
+    ]
+    assert [cell.rise for cell in cells_of(graph)] == pytest.approx([2.0] * 10 + [0.0] * 4)
+    assert cells_of(graph)[3].eye == pytest.approx((6.0 + 1.5, 8.0 + 1.9))
+    assert cells_of(graph)[10].eye == pytest.approx((1.5, 1.9))
+    assert sorted(graph["0000-00"]) == ["0000-01", "0001-00", "0002-00"]
+    assert sorted(graph["0000-04"]) == ["0000-03", "0000-05"]
+    assert graph.number_of_edges() == 9 + 1 + 1 + 3
+    # Nothing of this changes when there is another street, or a hill elsewhere.
+    more = viewing_cells(
+        on_hills(terrain, [[(0, 0), (100, 0)], [(0, 0), (-80, 0)], [(0, 0), (0, 80)], [(0, 80), (50, 90)]])
+    )
+    assert [cell for cell in cells_of(more) if cell.id < "0003"] == cells_of(graph)
+
+
+@given(HILLS, st.tuples(ENDS, ENDS), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+@settings(deadline=None, max_examples=60)
+def test_parts_of_a_cell_lie_in_it_and_have_its_eyes(terrain, line, one, other, share):
+    if math.dist(*line) < 5.0 or abs(one - other) < 0.01:
+        return
+    cell = cells_of(viewing_cells(on_hills(terrain, [line])))[0]
+    start, end = sorted((one, other))
+    part = cell.part(start, end, "part")
+    assert part.id == "part"
+    assert shapely.covers(Polygon(cell.corners).buffer(1e-6), Polygon(part.corners))
+    assert cell.eye[0] - 1e-9 <= part.eye[0] <= part.eye[1] <= cell.eye[1] + 1e-9
+    assert part.eye_at(share) == pytest.approx(cell.eye_at(start + share * (end - start)), abs=1e-6)
+    for half in halves(cell) or ():
+        assert half.length == pytest.approx(0.5 * cell.length)
+        assert half.eye[1] - half.eye[0] <= cell.eye[1] - cell.eye[0] + 1e-9
+    assert cell.part(0.0, 1.0, cell.id).eye == pytest.approx(cell.eye)
+
+
+def test_buildings_dug_into_a_slope_or_above_it_leave_room():
+    """On a slope of 1:5 the ground below this footprint is between 10 and 14 m high."""
+    terrain = Terrain((-200.0, -200.0), 5.0, np.tile(np.arange(-200.0, 201.0, 5.0) * 0.2, (81, 1)))
+    footprint = box(50, -10, 70, 10)
+    for bottom, top, blocks in ((5.0, 30.0, True), (13.5, 30.0, True), (16.5, 30.0, False), (0.0, 9.5, False)):
+        city = on_hills(terrain, [[(0, 0), (100, 0)]], [footprint], bottom=bottom, top=top)
+        graph = viewing_cells(city)
+        assert (graph.graph["report"].cut_pieces > 0) == blocks
+        if blocks:
+            assert clearance(graph, city) >= cells.CLEARANCE - 1e-9

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import shapely
 from cities import HELSINKI
+from hills import waves
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import LineString, Point, Polygon, box
@@ -12,6 +13,7 @@ from shapely.geometry import LineString, Point, Polygon, box
 from mmi.city import City, CityObject, Prism
 from mmi.ground import SKY_HORIZON, SKY_ZENITH, ground_mesh, sky_color, tile_bounds
 from mmi.io import read_city
+from mmi.terrain import Terrain
 
 
 def crossroads(ground: float = 0.0) -> City:
@@ -158,3 +160,102 @@ def test_the_sky_darkens_towards_the_zenith():
     assert tuple(sky[0]) == tuple(sky[3]) == SKY_HORIZON
     assert tuple(sky[2]) == SKY_ZENITH
     assert SKY_ZENITH[0] < sky[1, 0] < SKY_HORIZON[0]
+
+
+# Hills
+
+
+def hilly(lines, houses, terrain, *, half_width=3.0):
+    streets = nx.MultiGraph()
+    for i, line in enumerate(lines):
+        streets.add_edge(2 * i, 2 * i + 1, geometry=LineString(line), half_width=half_width, kind="", name="", index=i)
+    objects = tuple(CityObject(str(i), (Prism(one, 0.0, 90.0),)) for i, one in enumerate(houses))
+    return City(objects, streets, "EPSG:32631", (0.0, 0.0, 0.0), "test", terrain=terrain)
+
+
+def assert_ground_is_the_terrain(mesh, terrain, *, within) -> None:
+    """Every vertex, and points inside of triangles ``within`` metres; that gaps have no room, ``assert_tiles_fit`` tells."""
+    points = mesh.positions.astype(float)
+    assert np.abs(points[:, 2] - terrain.at(points)).max() < 1e-4
+    corners = points[mesh.triangles]
+    plan = corners[:, :, :2]
+    # Nowhere across a line of the grid, where the ground has an edge.
+    low, high = (end(plan, axis=1) for end in (np.min, np.max))
+    square = (0.5 * (low + high) - terrain.origin) // terrain.spacing
+    edges = np.array(terrain.origin) + terrain.spacing * square
+    x0, y0, x1, y1 = terrain.bounds
+    inside = ((low > (x0, y0)) & (high < (x1, y1))).all(axis=1)
+    assert (low >= edges - 1e-3)[inside].all()
+    assert (high <= edges + terrain.spacing + 1e-3)[inside].all()
+    inner = np.einsum("kc,mcx->kmx", np.random.default_rng(0).dirichlet(np.ones(3), 6), corners).reshape(-1, 3)
+    assert np.abs(inner[:, 2] - terrain.at(inner)).max() < within
+
+
+def test_the_ground_of_a_hilly_city_is_its_terrain():
+    terrain = waves(3, size=150.0)
+    twist = np.diff(np.diff(terrain.heights, axis=0), axis=1)
+    city = hilly([[(-80, -60), (0, 10), (90, 20)], [(0, 10), (-20, 90)]], [box(20, 40, 50, 60)], terrain)
+    mesh = ground_mesh(city, margin=40.0, tile=60.0)
+    assert_tiles_fit(mesh)
+    assert_ground_is_the_terrain(mesh, terrain, within=0.26 * np.abs(twist).max())
+    assert np.ptp(mesh.positions[:, 2]) > 10.0
+    assert areas(mesh).min() > -2e-3
+    assert len({tuple(color) for color in mesh.colors.tolist()}) > 50  # shaded
+
+
+@settings(deadline=None, max_examples=20)
+@given(
+    lines=st.lists(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 30)), min_size=2, max_size=4), max_size=3),
+    houses=st.lists(st.tuples(*[st.integers(0, 25)] * 2, *[st.integers(1, 9)] * 2), min_size=1, max_size=4),
+    tile=st.sampled_from([9.0, 16.0, 200.0]),
+    grid=st.tuples(st.sampled_from([-12.0, 0.0, 3.3]), st.sampled_from([2.0, 4.7, 10.0]), st.integers(2, 8)),
+    shift=st.sampled_from([0.0, 3333.3]),
+)
+def test_tiles_on_hills_fit_whatever_lies_on_the_lines_of_the_terrain(lines, houses, tile, grid, shift):
+    """Grids that end within the city or reach beyond it; streets and houses along their lines and across them."""
+    start, spacing, count = grid
+    heights = np.random.default_rng(count).uniform(0.0, 0.3 * spacing, (count, count + 1))
+    terrain = Terrain((start + shift, start + shift), spacing, heights)
+    moved = [[(x + shift, y + shift) for x, y in line] for line in lines if LineString(line).length > 0.0]
+    boxes = [box(x + shift, y + shift, x + shift + w, y + shift + d) for x, y, w, d in houses]
+    mesh = ground_mesh(hilly(moved, boxes, terrain), margin=10.0, tile=tile)
+    assert_tiles_fit(mesh)
+    assert areas(mesh).min() > -2e-3
+    assert_ground_is_the_terrain(mesh, terrain, within=0.3 * spacing)
+
+
+def test_level_terrain_looks_like_flat_ground():
+    plain = crossroads(2.0)
+    level = City(
+        plain.objects,
+        plain.streets,
+        plain.crs,
+        plain.origin,
+        plain.source,
+        terrain=Terrain((-200, -200), 50.0, np.full((9, 9), 2.0)),
+    )
+    one, other = (ground_mesh(city, margin=50.0, tile=100.0) for city in (plain, level))
+    assert (other.positions[:, 2] == 2.0).all()
+    for x, y in np.random.default_rng(3).uniform(-149.0, 149.0, (60, 2)):
+        assert color_at(one, x, y) == color_at(other, x, y)
+
+
+def test_slopes_towards_the_sun_are_lighter():
+    """It shines from the south-west."""
+    sides = {}
+    for name, slope in (("south", (0.0, 0.3)), ("north", (0.0, -0.3)), ("west", (0.3, 0.0)), ("east", (-0.3, 0.0))):
+        x, y = np.meshgrid(np.linspace(-200, 200, 9), np.linspace(-200, 200, 9))
+        city = hilly([], [box(0, 0, 10, 10)], Terrain((-200.0, -200.0), 50.0, slope[0] * x + slope[1] * y))
+        sides[name] = ground_mesh(city, margin=50.0).colors.mean()
+    assert min(sides["south"], sides["west"]) > 1.03 * max(sides["north"], sides["east"])
+
+
+def test_buildings_that_are_above_the_highest_ground_below_them_have_no_pavement():
+    terrain = Terrain((-200.0, -200.0), 100.0, np.tile(np.linspace(0.0, 40.0, 5), (5, 1)))
+    footprint = box(40, -20, 80, 20)
+    colors = []
+    for bottom in (terrain.at([80.0, 0.0]) + 0.5, 80.0):
+        house = CityObject("a", (Prism(footprint, float(bottom), 90.0),))
+        city = City((house,), nx.MultiGraph(), "EPSG:32631", (0.0, 0.0, 0.0), "test", terrain=terrain)
+        colors.append(color_at(ground_mesh(city, margin=40.0), 60.3, 5.1))
+    assert colors[0] != colors[1]

@@ -1,0 +1,100 @@
+"""Needles: triangles whose corners lie on one line, which rounding to millimetres makes of slim ones.
+
+A needle has no area, but to leave it out would open the mesh: its middle corner would lie on an edge of its neighbour. So
+the edge is flipped instead: the neighbour across the longest side is divided at that corner, and closed meshes stay closed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mmi.city import TriangleMesh
+from mmi.io.solids import weld
+
+__all__ = ["without_needles"]
+
+_HEIGHT = 6e-4
+"""Metres: a triangle less high than that over its longest side is a needle."""
+_ROUNDS = 8
+"""Dividing a needle's neighbour may leave another needle, which is next."""
+
+
+def without_needles(mesh: TriangleMesh) -> TriangleMesh:
+    """The mesh without triangles that have no area; what has a middle corner divides its neighbour, see above."""
+    for _ in range(_ROUNDS):
+        place = weld(mesh.vertices)[mesh.triangles]
+        following = np.roll(place, -1, axis=1)
+        keep = (place != following).all(axis=1)  # with two corners in one place, the neighbours meet each other
+        corners = mesh.vertices[mesh.triangles]
+        sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+        double = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        needles = np.flatnonzero(keep & (double < _HEIGHT * sides.max(axis=1)))
+        if not len(needles) and keep.all():
+            return mesh
+        mesh = _divided(mesh, place, sides, needles, keep)
+    return mesh
+
+
+def _divided(
+    mesh: TriangleMesh,
+    place: NDArray[np.int64],
+    sides: NDArray[np.float64],
+    needles: NDArray[np.int64],
+    keep: NDArray[np.bool_],
+) -> TriangleMesh:
+    """Each of ``needles`` (k,) gone, its neighbour divided; where two need the same neighbour, the first of them."""
+    owner: dict[tuple[int, int], tuple[int, int]] = {}
+    wanted = {(place[i, (j + 1) % 3], place[i, j]) for i in needles.tolist() for j in (int(np.argmax(sides[i])),)}
+    for j in range(3):
+        edges = zip(place[:, j].tolist(), place[:, (j + 1) % 3].tolist(), strict=True)
+        owner.update({edge: (i, j) for i, edge in enumerate(edges) if edge in wanted and keep[i]})
+    taken: set[int] = set()
+    keep = keep.copy()
+    rows: list[tuple[NDArray[np.int32], NDArray[np.float32], int]] = []
+    for i in needles.tolist():
+        if i in taken:
+            continue  # divided itself
+        j = int(np.argmax(sides[i]))
+        found = owner.get((int(place[i, (j + 1) % 3]), int(place[i, j])))
+        if found is None:
+            keep[i] = False  # nothing beside it: it shows nothing and closes nothing
+            continue
+        other, side = found
+        if other in taken:
+            continue  # next round
+        taken |= {i, other}
+        keep[i] = keep[other] = False
+        apex = mesh.triangles[i, (j + 2) % 3]
+        q, p, s = (mesh.triangles[other, (side + k) % 3] for k in range(3))
+        uv_q, uv_p, uv_s = (mesh.uv[other, (side + k) % 3] for k in range(3))
+        along = np.linalg.norm(mesh.vertices[apex] - mesh.vertices[q]) / max(float(sides[i, j]), 1e-12)
+        uv_r = uv_q + np.float32(min(float(along), 1.0)) * (uv_p - uv_q)
+        rows.append((np.array([q, apex, s]), np.array([uv_q, uv_r, uv_s]), other))
+        rows.append((np.array([apex, p, s]), np.array([uv_r, uv_p, uv_s]), other))
+    kept, source = np.flatnonzero(keep), np.array([row[2] for row in rows], dtype=np.int64)
+    new = np.array([row[0] for row in rows], dtype=np.int32).reshape(-1, 3)
+    new_uv = np.array([row[1] for row in rows], dtype=np.float32).reshape(-1, 3, 2)
+    triangles = np.concatenate([mesh.triangles[kept], new])
+    left = _not_folded(weld(mesh.vertices)[triangles], len(kept))
+    return TriangleMesh(
+        mesh.vertices,
+        triangles[left],
+        np.concatenate([mesh.textures[kept], mesh.textures[source]])[left],
+        np.concatenate([mesh.colors[kept], mesh.colors[source]])[left],
+        np.concatenate([mesh.uv[kept], new_uv])[left],
+    )
+
+
+def _not_folded(corners: NDArray[np.int64], old: int) -> NDArray[np.bool_]:
+    """Which triangles (m, 3) stay: of the new ones, after the first ``old``, none that lies face to face with another."""
+    _, group = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True)
+    group = group.reshape(-1)
+    rest = np.argsort(corners, axis=1)
+    odd = np.isin(rest @ np.array([9, 3, 1]), [0 * 9 + 2 * 3 + 1, 1 * 9 + 0 * 3 + 2, 2 * 9 + 1 * 3 + 0])
+    stays = np.ones(len(corners), dtype=bool)
+    for i in range(old, len(corners)):
+        facing = np.flatnonzero((group == group[i]) & (odd != odd[i]) & stays)
+        if stays[i] and len(facing):
+            stays[i] = stays[facing[0]] = False
+    return stays
