@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi import facades
-from mmi.atlas import Atlas, cut_at_repeats
 from mmi.city import PAINTED, CityObject, Texture
 from mmi.shading import Looks, contact, light
+from mmi.texture_atlas import Atlas, cut_at_repeats
 
 __all__ = ["Part", "mesh_part", "repeats_of", "strip_uv"]
 

@@ -1,7 +1,7 @@
 """City objects as textured triangles: what captures render and what stays geometry.
 
 One mesh and one texture for the whole city, ordered by object, so that any set of objects is one gather and one draw. The
-texture is that of painted facades (``mmi.facades``), or an atlas with the city's own pictures as well (``mmi.atlas``).
+texture is that of painted facades (``mmi.facades``), or an atlas with the city's own pictures as well (``mmi.texture_atlas``).
 Vertex colours multiply it: a tint of the building's own and light (``mmi.shading``).
 
 Geometry is exactly that of the prisms, or of the mesh that an object came with (``mmi.modelled``): walls of prisms are
@@ -20,10 +20,10 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from mmi import facades
-from mmi.atlas import pack_atlas
 from mmi.city import PAINTED, City
 from mmi.modelled import Part, mesh_part, repeats_of, strip_uv
 from mmi.shading import Looks, contact, light, looks_of
+from mmi.texture_atlas import pack_atlas
 
 __all__ = ["CityMesh", "build_city_mesh", "mesh_of", "triangles_of", "triangulate"]
 

@@ -83,11 +83,40 @@ BUILDS = {
         11000,
         {"inferred: height from the median of 8 neighbours": 10000, "warning: only 6": 1},
     ),
+    "lorient with its hills": (
+        "data:lorient --buildings-layer buildings --streets-layer ROADS2 --terrain data:lorient/dem.geojson",
+        1600,
+        {"read: points of the ground": 500},
+    ),
+    "the Hague": ("data:denhaag_cityjson/DenHaag_01.json", 844, {"read: triangles of the ground": 5000}),
+    "Delft": ("data:delft_cityjson/delft.json", 160, {"inferred: paths through the open space": 10}),
+    "Vienna in 3D": ("data:vienna_lod2_cityjsonl/vienna.jsonl", 149, {"inferred: ground from the feet": 149}),
+    "tokyo": ("data:dirty_tokyo_plateau/udx/bldg/53392642_bldg_6697_op2.gml", 8, {"kept: pictures": 8}),
+    "Rotterdam": ("data:textured_small/rotterdam_two_buildings", 2, {"kept: pictures": 14}),
+    "railway": ("data:textured_small/railway.glb", 50, {"kept: pictures": 20}),
+    "lyon": ("data:dirty_lyon_obj/ensemble_de_batiments_1.obj", 5, {}),
+    "Brunswick": (
+        "data:braunschweig_mesh_net/braunschweig_zup_aligned.obj --streets data:braunschweig_mesh_net/bs.net.xml",
+        200,
+        {"noted: opposite directions joined to one street": 50},
+    ),
+    "plant": ("data:stress_doua_heating_plant", 10, {}),
+}
+SLOW = {
+    "london",
+    "porto",
+    "lorient with its hills",
+    "the Hague",
+    "Vienna in 3D",
+    "railway",
+    "Brunswick",
+    "plant",
+    "Delft",
 }
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name in ("london", "porto") else name for name in BUILDS]
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in BUILDS]
 )
 def test_it_builds_and_says_what_was_mended(capsys, tmp_path, name):
     line, objects, expected = BUILDS[name]
@@ -140,18 +169,11 @@ REFUSED = {
         "lie apart: one declares a wrong CRS",
     ),
     "two extracts": ("data:dirty_osm_broken", "found in it: redon.osm, rome.osm.pbf"),
-    "tokyo": ("data:dirty_tokyo_plateau/udx/bldg/53392642_bldg_6697_op2.gml", "CityGML is not read"),
     "tokyo, malformed": (
         "data:dirty_tokyo_plateau/udx/bldg/TestCaseOfInvalidFileNameGml.gml",
         "expected OpenStreetMap",
     ),
-    "lyon": ("data:dirty_lyon_obj/palais_de_justice.obj", "a mesh (.obj) is not read"),
     "lyon, the folder": ("data:dirty_lyon_obj", "a folder; expected one file of a city"),
-    "the Hague": ("data:denhaag_cityjson/DenHaag_01.json", "CityJSON is not read"),
-    "Vienna in 3D": ("data:vienna_lod2_cityjsonl/vienna.jsonl", "CityJSON is not read"),
-    "Brunswick": ("data:braunschweig_mesh_net/braunschweig_zup_aligned.obj", "a mesh (.obj) is not read"),
-    "railway": ("data:textured_small/railway.glb", "glTF is not read"),
-    "plant": ("data:stress_doua_heating_plant", "a folder; expected one file of a city"),
 }
 
 

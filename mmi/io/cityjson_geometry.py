@@ -14,6 +14,7 @@ Source: CityJSON 2.0.1 (OGC 20-072r5), sections on City Objects, Geometry Object
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -25,6 +26,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mmi.city import PLAIN, CityObject, Prism, TriangleMesh
+from mmi.io.needles import without_needles
 from mmi.io.solids import is_closed, volume, weld
 from mmi.terrain import Terrain
 
@@ -233,6 +235,7 @@ def _solid(rings: list[_Ring], bottom: int, top: int, pools: Pools) -> dict[str,
 
 def _mesh_geometry(mesh: TriangleMesh, pools: Pools) -> list[dict[str, Any]]:
     """A Solid for each part if the mesh is closed and faces outwards, else a MultiSurface; nothing if all of it collapsed."""
+    mesh = without_needles(replace(mesh, vertices=(millimetres(mesh.vertices) * SCALE).astype(np.float64)))
     points = millimetres(mesh.vertices)
     place = weld(points)
     at = np.zeros((int(place.max(initial=-1)) + 1, 3), dtype=np.int64)

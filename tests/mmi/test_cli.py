@@ -187,7 +187,7 @@ def _image(folder):
 
 def _mesh(folder):
     (folder / "city.obj").write_text("v 0 0 0\n")
-    return [folder / "city.obj"], "city.obj: a mesh (.obj) is not read; expected OpenStreetMap"
+    return [folder / "city.obj"], "city.obj: expected OBJ with faces"
 
 
 def _empty(folder):

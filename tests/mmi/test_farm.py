@@ -203,7 +203,7 @@ def test_a_second_build_in_the_same_folder_is_refused(tmp_path):
         (b'{"format_version": 99}', "99"),
         (b'{"format_version": 1}', "build it again"),
         (b'{"format_version": 2}', "build it again"),
-        (b'{"format_version": 3}', "checksum"),
+        (b'{"format_version": 4}', "checksum"),
     ],
 )
 def test_a_damaged_manifest_is_refused(tmp_path, data, message):

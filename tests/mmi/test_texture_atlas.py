@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mmi.atlas import Atlas, cut_at_repeats, pack_atlas
 from mmi.city import Texture
 from mmi.facades import facade_texture
+from mmi.texture_atlas import Atlas, cut_at_repeats, pack_atlas
 
 ONCE = np.ones((1, 2))
 
