@@ -40,7 +40,9 @@ def measure(folder: Path, views: int, seed: int, worst: Path | None, keep: int) 
         cell_cache(scenes, renderer, measured=True, capacity=256 << 20) as cache,
     ):
         full, multi = make_technique("full", scenes), make_technique("multi-mesh", scenes)
-        for number, (cell, pose) in enumerate(random_views(scene.whereabouts.cells, views, seed=seed, terrain=scene.terrain)):
+        for number, (cell, pose) in enumerate(
+            random_views(scene.whereabouts.cells, views, seed=seed, terrain=scene.terrain)
+        ):
             view = pose.view(camera)
             truth = renderer.draw(full.plan(view, now=0.0, budget=Budget()), view, measured=True)
             plan = multi.plan(view, now=0.0, budget=Budget())

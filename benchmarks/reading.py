@@ -2,7 +2,7 @@
 
     python benchmarks/reading.py ../shared/data/denhaag_cityjson/DenHaag_01.json [FILE ...] --best-of 3
 
-Both are run in turn in one process, the best of each counts, in seconds of this process's CPU. cjio triangulates with the
+Both are run in turn in one process, the best of each counts, in seconds of CPU. cjio triangulates with the
 same library (earcut); files that it does not take (old versions, sequences) have no figure. Ours reads pictures too.
 """
 
