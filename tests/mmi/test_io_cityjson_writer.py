@@ -418,10 +418,11 @@ CJIO = """
 import json, sys
 from cjio import cityjson
 
-lines = open(sys.argv[1]).read().splitlines()
-read = cityjson.CityJSON(j=json.loads(lines[0]))
-for line in lines[1:]:
-    read.add_cityjsonfeature(json.loads(line))
+text = open(sys.argv[1]).read()
+documents = map(json.loads, text.splitlines() if sys.argv[1].endswith("l") else [text])
+read = cityjson.CityJSON(j=next(documents))
+for feature in documents:
+    read.add_cityjsonfeature(feature)
 read.decompress()
 bbox = read.calculate_bbox()
 read.triangulate(sloppy=True)
