@@ -233,8 +233,10 @@ def _shrink(
         parts = np.split(footprints[members], starts[1:])
         unions += [part[0] if len(part) == 1 else shapely.union_all(part) for part in parts]
         levels += [lowest] * len(parts)
+    # Unions leave edges of no length to speak of, which have no direction to mitre.
+    outlines = shapely.remove_repeated_points(np.array(unions, dtype=object), 5e-4)
     inner, of = shapely.get_parts(
-        shapely.buffer(np.array(unions, dtype=object), -(distance + _TOLERANCE), join_style="mitre"), return_index=True
+        shapely.buffer(outlines, -(distance + _TOLERANCE), join_style="mitre"), return_index=True
     )
     polygons, kept = _polygons(shapely.simplify(inner, 0.9 * _TOLERANCE))
     return polygons, heights[np.array(levels, dtype=np.int64)[of[kept]]]
