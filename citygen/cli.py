@@ -168,7 +168,7 @@ def _write(options: argparse.Namespace, outputs: list[Path], advance: Callable[[
 def _write_traffic(city: City, paths: Sequence[Path], seed: int) -> None:
     """Where vehicles are over time, beside the city's files."""
     from citygen.traffic import traffic
-    from mmi.io.whole_files import whole_file
+    from mmi.whole_files import whole_file
 
     text = traffic(city, seed, vehicles=_VEHICLES, seconds=_SECONDS).to_json()
     for path in paths:

@@ -19,7 +19,7 @@ from citygen.blocks import carve_blocks
 from citygen.buildings import Buildings, Custom, develop, join_buildings, keep_buildings
 from citygen.metropolis import metropolis
 from citygen.networks import Network, faces, manhattan_network, street_graph
-from citygen.objects import make_objects, triangle_count
+from citygen.objects import Site, make_objects, site_of, triangle_count
 from citygen.relief import Hill, contour_field, ground_under, make_terrain
 from citygen.subdivision import subdivide
 from citygen.textures import city_textures
@@ -274,13 +274,14 @@ def _objects(town: _Town, detail: int | None, seed: int, progress: _Progress) ->
     if town.church is not None:
         objects.append(_church(town, 1 if detail is None else detail, seed))
     n = len(town.buildings.footprints)
+    site = site_of(town.buildings, town.terrain, meshed=detail != 0)
     details = [1 if detail is None else detail] * n
     for start in range(0, n, _CHUNK):
         part = range(start, min(start + _CHUNK, n))
-        objects += make_objects(town.buildings, town.terrain, details=details, seed=seed, only=part)
+        objects += make_objects(site, details=details, seed=seed, only=part)
         progress(part.stop, n, "building")
     if detail is None and town.triangles is not None:
-        _refine(objects, town, seed, progress)
+        _refine(objects, town, site, seed, progress)
     return objects
 
 
@@ -302,7 +303,7 @@ def _church(town: _Town, detail: int, seed: int) -> CityObject:
     return church("church", (x, y), base=float(ground[0]), height=height, heading=heading, detail=detail, rng=rng)
 
 
-def _refine(objects: list[CityObject], town: _Town, seed: int, progress: _Progress) -> None:
+def _refine(objects: list[CityObject], town: _Town, site: Site, seed: int, progress: _Progress) -> None:
     """Replace houses by more detailed ones, those around the church first, until the town has its number of triangles."""
     assert town.triangles is not None and town.church is not None
     missing = town.triangles - sum(map(triangle_count, objects))
@@ -311,7 +312,7 @@ def _refine(objects: list[CityObject], town: _Town, seed: int, progress: _Progre
     for level in (2, 3):
         for start in range(0, n, _FEW):
             some = order[start : start + _FEW].tolist()
-            better = make_objects(town.buildings, town.terrain, details=[level] * n, seed=seed, only=some)
+            better = make_objects(site, details=[level] * n, seed=seed, only=some)
             for i, one in zip(some, better, strict=True):
                 more = triangle_count(one) - triangle_count(objects[1 + i])
                 if more <= missing:

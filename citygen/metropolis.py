@@ -19,7 +19,7 @@ from citygen import presets
 from citygen.blocks import carve_blocks
 from citygen.buildings import Buildings, Custom, develop, join_buildings
 from citygen.networks import Network, faces, lattice_network, street_graph
-from citygen.objects import make_objects
+from citygen.objects import make_objects, site_of
 from mmi.city import CityObject
 from mmi.errors import ParameterError
 
@@ -100,7 +100,9 @@ def _districts(
         part = slice(start, start + _DISTRICT)
         built = _district(blocks[part], zones[part], np.random.default_rng(own))
         n = min(len(built.footprints), buildings - done)
-        yield make_objects(built, None, details=[detail] * n, seed=seed, first=done, only=range(n))
+        yield make_objects(
+            site_of(built, None, meshed=detail > 0), details=[detail] * n, seed=seed, first=done, only=range(n)
+        )
         done += n
         if done == buildings:
             return

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -12,15 +12,39 @@ from numpy.typing import NDArray
 from citygen.buildings import Buildings
 from citygen.houses import house
 from citygen.relief import ground_under
-from mmi.city import CityObject, Prism, TriangleMesh
+from mmi.city import CityObject, Prism
+from mmi.io.raw_meshes import joined_meshes
 from mmi.terrain import Terrain
 
-__all__ = ["make_objects", "party_walls", "triangle_count"]
+__all__ = ["Site", "make_objects", "party_walls", "site_of", "triangle_count"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Site:
+    """Buildings on their ground: ``base`` and ``eaves`` of each, ``tops`` of all tiers, metres; tiers ``first_tier[i]`` to
+    ``first_tier[i + 1]`` are those of building i. ``walls`` are the :func:`party_walls`, empty where only prisms are wanted.
+    """
+
+    buildings: Buildings
+    base: tuple[float, ...]
+    eaves: tuple[float, ...]
+    tops: tuple[float, ...]
+    first_tier: tuple[int, ...]
+    walls: Sequence[Sequence[bool]]
+
+
+def site_of(buildings: Buildings, terrain: Terrain | None, *, meshed: bool) -> Site:
+    """The buildings set on the ground; ``meshed``: to be built in more detail than prisms."""
+    low, high = ground_under(terrain, buildings.footprints)
+    tiers = np.searchsorted(buildings.tier_owners, np.arange(len(low) + 1))
+    heights = (low, high + buildings.heights, buildings.tier_heights + high[buildings.tier_owners])
+    base, eaves, tops = (tuple(np.round(one, 3).tolist()) for one in heights)
+    walls = party_walls(buildings.footprints) if meshed else ()
+    return Site(buildings, base, eaves, tops, tuple(tiers.tolist()), walls)
 
 
 def make_objects(
-    buildings: Buildings,
-    terrain: Terrain | None,
+    site: Site,
     *,
     details: Sequence[int],
     seed: int,
@@ -31,12 +55,7 @@ def make_objects(
 
     What is left to chance in a house depends on ``seed`` and its number alone.
     """
-    low, high = ground_under(terrain, buildings.footprints)
-    eaves = np.round(high + buildings.heights, 3).tolist()
-    tiers = np.searchsorted(buildings.tier_owners, np.arange(len(eaves) + 1)).tolist()
-    base = np.round(low, 3).tolist()
-    tops = np.round(buildings.tier_heights + high[buildings.tier_owners], 3).tolist()
-    walls: list[list[bool]] | None = None
+    buildings, base, eaves, tops, tiers = site.buildings, site.base, site.eaves, site.tops, site.first_tier
     objects: list[CityObject] = []
     for i in range(len(eaves)) if only is None else only:
         name, footprint = f"building/{first + i}", buildings.footprints[i]
@@ -45,8 +64,6 @@ def make_objects(
             tiered = (Prism(buildings.tiers[k], base[i], tops[k]) for k in upper)
             objects.append(CityObject(name, (Prism(footprint, base[i], eaves[i]), *tiered)))
             continue
-        if walls is None:
-            walls = party_walls(buildings.footprints)
         style, roof = str(buildings.styles[i]), str(buildings.roofs[i])
         rng = np.random.default_rng((seed, 4, first + i))
         storeys = [
@@ -59,7 +76,7 @@ def make_objects(
                 roof="flat" if upper else roof,
                 detail=details[i],
                 rng=rng,
-                blind=walls[i],
+                blind=site.walls[i],
             )
         ]
         below = eaves[i]
@@ -107,14 +124,6 @@ def _stacked(name: str, storeys: Sequence[CityObject]) -> CityObject:
     """One object of houses on top of each other. Cores go down to the ground: those above stand within those below."""
     meshes = [one.mesh for one in storeys if one.mesh is not None]
     base = storeys[0].base
-    offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
-    mesh = TriangleMesh(
-        np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate([mesh.triangles + offset for mesh, offset in zip(meshes, offsets, strict=True)]),
-        np.concatenate([mesh.textures for mesh in meshes]),
-        np.concatenate([mesh.colors for mesh in meshes]),
-        np.concatenate([mesh.uv for mesh in meshes]),
-    )
     prisms = tuple(prism for one in storeys for prism in one.prisms)
     core = tuple(replace(prism, bottom=base) for one in storeys for prism in one.occluders)
-    return CityObject(name, prisms, mesh, core)
+    return CityObject(name, prisms, joined_meshes(meshes), core)

@@ -5,16 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from citygen.subdivision import Field
 from mmi.terrain import Terrain
 
 __all__ = ["Hill", "contour_field", "ground_under", "make_terrain"]
-
-_SAMPLE = 2.0
-"""Metres between the points of an outline where the ground is looked at."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +72,4 @@ def ground_under(
     """Lowest and highest ground (n,) under the outlines of footprints (n,), metres; 0 without terrain."""
     if terrain is None or not len(footprints):
         return np.zeros(len(footprints)), np.zeros(len(footprints))
-    xy, owner = shapely.get_coordinates(shapely.segmentize(footprints, _SAMPLE), return_index=True)
-    heights = terrain.at(xy)
-    starts = np.searchsorted(owner, np.arange(len(footprints)))
-    return np.minimum.reduceat(heights, starts), np.maximum.reduceat(heights, starts)
+    return terrain.under(footprints)

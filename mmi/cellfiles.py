@@ -34,6 +34,7 @@ from mmi.glb import GlbImage, GlbNode, GlbPrimitive, GlbScene, glb_bytes, read_g
 from mmi.ground import ground_mesh
 from mmi.impostor import DepthTexture, GridMesh, Impostor, Layer, LayerPicture
 from mmi.surfaces import CityMesh, build_city_mesh
+from mmi.whole_files import png_bytes
 
 __all__ = [
     "captured_view",
@@ -62,7 +63,7 @@ def city_glb(city: City) -> tuple[bytes, int]:
     ]
     tiles = range(len(ground.triangle_counts))
     nodes += [GlbNode(f"ground/{i}", _primitives(ground, i, image=1)) for i in tiles]
-    images = (GlbImage(_png(mesh.texture), repeat=True), GlbImage(_png(ground.texture), repeat=True))
+    images = tuple(GlbImage(png_bytes(one.texture, quick=True), repeat=True) for one in (mesh, ground))
     scene = GlbScene(tuple(nodes), images, {"crs": city.crs, "origin": list(city.origin), "source": city.source})
     return glb_bytes(scene), len(mesh.triangles)
 
@@ -356,10 +357,3 @@ def _city_mesh(nodes: Sequence[GlbNode], image: GlbImage) -> CityMesh:
         object_triangles=triangles.astype(np.int64),
         texture=texture,
     )
-
-
-def _png(pixels: NDArray[np.uint8]) -> bytes:
-    """Lossless, and quick rather than small."""
-    buffer = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, "PNG", compress_level=1)
-    return buffer.getvalue()

@@ -26,7 +26,7 @@ from typing import Any
 
 from mmi.city import City
 from mmi.errors import CityError, DatasetError
-from mmi.io.stored import canonical_json, city_from_json, fingerprint
+from mmi.stored import canonical_json, city_from_json, fingerprint
 
 __all__ = [
     "FORMAT_VERSION",

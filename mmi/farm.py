@@ -26,8 +26,8 @@ from mmi.cells import spread, viewing_cells
 from mmi.city import City
 from mmi.dataset import FORMAT_VERSION, DatasetFolder, build_folder, readable_json, with_checksum
 from mmi.errors import DatasetError, ParameterError
-from mmi.io.stored import city_to_json, fingerprint
 from mmi.parameters import BuildParameters
+from mmi.stored import city_to_json, fingerprint
 from mmi.workers import Done, Job, costs_over_budget, package_version, peak_memory, run_jobs
 
 __all__ = ["BuildSummary", "build_dataset", "cells_to_build"]

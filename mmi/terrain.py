@@ -9,11 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from mmi.errors import CityError
 
-__all__ = ["Terrain"]
+__all__ = ["Terrain", "grid_triangles"]
+
+_SAMPLE = 2.0
+"""Metres between the points of an outline where the ground below it is looked at."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +46,13 @@ class Terrain:
         x, y = self.origin
         return x, y, x + self.spacing * (columns - 1), y + self.spacing * (rows - 1)
 
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """(rows, columns, 3) the points of the grid, metres."""
+        y, x = np.indices(self.heights.shape)
+        plan = np.array(self.origin) + self.spacing * np.stack([x, y], axis=-1)
+        return np.concatenate([plan, self.heights[..., None]], axis=-1)
+
     def at(self, points: ArrayLike) -> NDArray[np.float64]:
         """Heights (...) at ``points`` (..., 2 or more: x, y first); beyond the border, those of its nearest point."""
         points = np.asarray(points, dtype=np.float64)
@@ -63,3 +74,15 @@ class Terrain:
         end = np.clip(np.ceil((boxes[:, 2:] - self.origin) / self.spacing), 0, last).astype(np.int64)
         spans = [self.heights[a[1] : b[1] + 1, a[0] : b[0] + 1] for a, b in zip(first, end, strict=True)]
         return np.array([span.min() for span in spans]), np.array([span.max() for span in spans])
+
+    def under(self, footprints: NDArray[np.object_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lowest and highest ground (n,) under the outlines of polygons (n,), looked at every ``_SAMPLE`` metres."""
+        points, of = shapely.get_coordinates(shapely.segmentize(footprints, _SAMPLE), return_index=True)
+        heights, starts = self.at(points), np.searchsorted(of, np.arange(len(footprints)))
+        return np.minimum.reduceat(heights, starts), np.maximum.reduceat(heights, starts)
+
+
+def grid_triangles(index: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(2 m, 3) triangles of the squares between points of a grid that are numbered ``index`` (rows, columns)."""
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+    return np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)

@@ -62,9 +62,6 @@ _TOUCH = 1e-3
 _SLOPING_GAP = 0.5
 """Metres: the same for a base on a slope, which models and their ground seldom agree on to the centimetre."""
 
-_OUTLINE = 2.0
-"""Metres between points of an outline where the ground below it is looked at."""
-
 _CANDIDATES = 512
 """Heights among which levels are chosen; time and memory grow with the square."""
 
@@ -144,9 +141,7 @@ def _standing(city: City, footprints: NDArray[np.object_], bottoms: NDArray[np.f
     if city.terrain is None or not len(footprints):
         return bottoms <= city.ground + _TOUCH
     # A line of sight that passes below a base has passed below it on the outline: only there does the ground matter.
-    points, of = shapely.get_coordinates(shapely.segmentize(footprints, _OUTLINE), return_index=True)
-    ground = np.minimum.reduceat(city.ground_at(points), np.searchsorted(of, np.arange(len(footprints))))
-    return np.asarray(bottoms <= ground + _SLOPING_GAP)
+    return np.asarray(bottoms <= city.terrain.under(footprints)[0] + _SLOPING_GAP)
 
 
 def _covered(rings: Rings, solids: Rings) -> NDArray[np.float64]:

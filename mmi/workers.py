@@ -25,8 +25,8 @@ from mmi.cells import ViewingCell
 from mmi.city import City
 from mmi.dataset import FORMAT_VERSION, DatasetFolder
 from mmi.errors import DatasetError, MmiError
-from mmi.io.stored import city_from_json, fingerprint, object_fingerprints
 from mmi.parameters import BuildParameters
+from mmi.stored import city_from_json, fingerprint, object_fingerprints
 from mmi.surfaces import CityMesh
 
 __all__ = ["Done", "Job", "costs_over_budget", "package_version", "peak_memory", "run_jobs", "without_interrupts"]

@@ -5,10 +5,7 @@ All pictures are (h, w, 3) uint8 arrays, sRGB, first row on top.
 
 from __future__ import annotations
 
-import io
-import os
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 from scipy import ndimage
 
 from mmi.errors import DatasetError
+from mmi.whole_files import png_bytes, whole_file
 
 __all__ = ["save_picture", "side_by_side", "triptych", "write_whole"]
 
@@ -79,22 +77,13 @@ def side_by_side(panels: Sequence[NDArray[np.uint8]], titles: Sequence[str]) -> 
 
 def save_picture(path: Path, pixels: NDArray[np.uint8]) -> None:
     """Write ``pixels`` as PNG; the same pixels give the same bytes. Raises DatasetError where that is impossible."""
-    buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, format="png")
-    write_whole(path, buffer.getvalue())
+    write_whole(path, png_bytes(pixels))
 
 
 def write_whole(path: Path, data: bytes) -> None:
     """Write a file under a temporary name and rename it; makes its folder. Raises DatasetError where that is impossible."""
-    temporary = path.with_name(f"{path.name}.part-{os.getpid()}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(data)
-        temporary.replace(path)
-    except OSError as error:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
-        raise DatasetError(f"{path}: a writable file expected, found: {error.strerror or error}") from error
+    with whole_file(path, error=DatasetError) as file:
+        file.write(data)
 
 
 def _thickest(region: NDArray[np.bool_]) -> tuple[slice, slice] | None:

@@ -9,6 +9,7 @@ meshes instead of outlines, and a way of their own (``model_city``).
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,13 +31,14 @@ from mmi.io.frame import (
     meets_box,
     parse_crs,
     to_frame,
+    within_clip,
 )
 from mmi.io.ground import ground_of_file, raised
 from mmi.io.model_city import city_of_model, is_model, read_model
 from mmi.io.osm import is_osm, read_osm
 from mmi.io.raw import BuildingLayer, StreetLayer
 from mmi.io.report import CityReport, Ledger, Tally
-from mmi.io.streets import graph_from_lines
+from mmi.io.streets import graph_from_lines, moved_lines
 from mmi.io.sumo import is_sumo, read_sumo
 
 __all__ = ["CityReport", "Tally", "read_city"]
@@ -100,12 +102,17 @@ def read_city(
         "--id-column": id_column,
     }
     try:
-        if is_model(_the_file(path)):
-            _check_model_options(path, columns, objects)
-            layer = read_model(_the_file(path), ledger, lod=lod, up=up, crs=override)
+        file = _the_file(path)
+        if is_model(file):
+            _refuse_columns(path, "a 3D model", columns)
+            if objects == "blocks":
+                raise ParameterError(f"--objects: buildings expected, as {path} is a 3D model, found 'blocks'")
+            layer = read_model(file, ledger, lod=lod, up=up, crs=override)
             own_metres = layer.crs is None and override is None
             lines = (
-                None if streets is None else _read_streets(path, streets, ledger, layer=streets_layer, local=own_metres)
+                None
+                if streets is None
+                else _read_streets(_the_file(streets), ledger, layer=streets_layer, local=own_metres)
             )
             city = city_of_model(
                 layer,
@@ -120,15 +127,10 @@ def read_city(
             return city, _accounted(city, ledger)
         if lod is not None:
             raise ParameterError(f"--lod: a 3D model expected, found {path}")
-        buildings = _read_buildings(
-            path,
-            ledger,
-            layer=buildings_layer,
-            height_column=height_column,
-            levels_column=levels_column,
-            id_column=id_column,
+        buildings = _read_buildings(file, ledger, columns)
+        lines = _read_streets(
+            file if streets is None else _the_file(streets), ledger, layer=streets_layer, buildings=buildings
         )
-        lines = _read_streets(path, streets, ledger, layer=streets_layer, buildings=buildings)
     except OSError as error:
         raise CityError(f"{error.filename or path}: cannot be read: {error.strerror or error}") from error
     building_crs, street_crs = agree_on_crs(buildings, lines, override)
@@ -150,11 +152,9 @@ def read_city(
         solids = merge_blocks(solids, ledger)
         ledger.note("kept", "objects (blocks)", count=len(solids))
 
-    flat = to_frame([line for item in lines.items for line in item.lines], street_crs, frame)
-    ends = np.cumsum([len(item.lines) for item in lines.items])
     graph = graph_from_lines(
         lines,
-        [list(own) for own in np.split(flat, ends[:-1])],
+        moved_lines(lines, street_crs, frame),
         solids,
         ledger,
         network=network,
@@ -179,14 +179,11 @@ def _accounted(city: City, ledger: Ledger) -> CityReport:
     return ledger.report(source=city.source, crs=city.crs, origin=city.origin)
 
 
-def _check_model_options(path: Path, columns: dict[str, str | None], objects: str) -> None:
+def _refuse_columns(path: Path, what: str, columns: Mapping[str, str | None]) -> None:
+    """Options of layers and columns mean nothing where there are none."""
     for option, value in columns.items():
         if value is not None:
-            raise ParameterError(
-                f"{option}: {path} is a 3D model, which has neither layers nor columns; found {value!r}"
-            )
-    if objects == "blocks":
-        raise ParameterError(f"--objects: buildings expected, as {path} is a 3D model, found 'blocks'")
+            raise ParameterError(f"{option}: {path} is {what}, which has neither layers nor columns; found {value!r}")
 
 
 def _check_options(network: str, objects: str, clip: Box | None, lod: str | None, up: str) -> None:
@@ -217,38 +214,19 @@ def _the_file(path: Path) -> Path:
     return models[0] if len(models) == 1 else path
 
 
-def _read_buildings(
-    path: Path,
-    ledger: Ledger,
-    *,
-    layer: str | None,
-    height_column: str | None,
-    levels_column: str | None,
-    id_column: str | None,
-) -> BuildingLayer:
-    """The buildings of ``path``, at least one."""
-    file = _the_file(path)
+def _read_buildings(file: Path, ledger: Ledger, columns: Mapping[str, str | None]) -> BuildingLayer:
+    """The buildings of ``file``, at least one."""
     if file.is_file() and is_osm(file):
-        named = {
-            "--buildings-layer": layer,
-            "--height-column": height_column,
-            "--levels-column": levels_column,
-            "--id-column": id_column,
-        }
-        for option, value in named.items():
-            if value is not None:
-                raise ParameterError(
-                    f"{option}: {file} is OpenStreetMap, which has neither layers nor columns; found {value!r}"
-                )
+        _refuse_columns(file, "OpenStreetMap", columns)
         found, _ = read_osm(file, ledger, buildings=True, streets=False)
     else:
         found = read_footprints(
             file,
             ledger,
-            layer=layer,
-            height_column=height_column,
-            levels_column=levels_column,
-            id_column=id_column,
+            layer=columns["--buildings-layer"],
+            height_column=columns["--height-column"],
+            levels_column=columns["--levels-column"],
+            id_column=columns["--id-column"],
         )
     if not found.items:
         lost = ledger.count("left out")
@@ -260,16 +238,9 @@ def _read_buildings(
 
 
 def _read_streets(
-    path: Path,
-    streets: Path | None,
-    ledger: Ledger,
-    *,
-    layer: str | None,
-    buildings: BuildingLayer | None = None,
-    local: bool = False,
+    file: Path, ledger: Ledger, *, layer: str | None, buildings: BuildingLayer | None = None, local: bool = False
 ) -> StreetLayer:
-    """The streets of ``streets``, or of ``path``: at least one line. ``local``: a SUMO network keeps its own metres."""
-    file = _the_file(path if streets is None else streets)
+    """The streets of ``file``: at least one line. ``local``: a SUMO network keeps its own metres."""
     found: StreetLayer | None
     if file.is_file() and is_osm(file):
         if layer is not None:
@@ -297,19 +268,10 @@ def _clip_layers(
 ) -> tuple[BuildingLayer, StreetLayer]:
     """Only what meets the box by its own bounding box; the rest is counted."""
     near = meets_box([item.geometry for item in buildings.items], building_crs, clip)
-    for item, inside in zip(buildings.items, near, strict=True):
-        if not inside:
-            ledger.note("left out", "building: outside --clip", item.id)
-    street_near = [bool(meets_box(item.lines, street_crs, clip).any()) for item in lines.items]
-    for street, inside in zip(lines.items, street_near, strict=True):
-        if not inside:
-            ledger.note("left out", "street: outside --clip", street.id)
-    for kind, file, left in (("buildings", buildings.file, any(near)), ("streets", lines.file, any(street_near))):
-        if not left:
-            raise CityError(
-                f"{file}: no {kind} within --clip {','.join(f'{one:g}' for one in clip)} (west,south,east,north in degrees)"
-            )
+    street_near = np.array([meets_box(item.lines, street_crs, clip).any() for item in lines.items])
     return (
-        replace(buildings, items=tuple(item for item, inside in zip(buildings.items, near, strict=True) if inside)),
-        replace(lines, items=tuple(item for item, inside in zip(lines.items, street_near, strict=True) if inside)),
+        replace(
+            buildings, items=within_clip(buildings.items, near, clip, ledger, file=buildings.file, kind="building")
+        ),
+        replace(lines, items=within_clip(lines.items, street_near, clip, ledger, file=lines.file, kind="street")),
     )

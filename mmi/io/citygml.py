@@ -23,6 +23,7 @@ from pyproj.exceptions import ProjError
 
 from mmi.errors import CityError
 from mmi.io.faces import Color, Faces
+from mmi.io.frame import named_crs
 from mmi.io.pictures import PictureShelf, contained_path
 from mmi.io.raw import ModelLayer, RawModel
 from mmi.io.report import Ledger
@@ -213,17 +214,7 @@ def _crs(path: Path, root: ElementTree.Element, fallback: pyproj.CRS | None) -> 
         name = element.attrib.get("srsName")
         if name:
             found = re.search(r"EPSG\D*(?:0[/:]{1,2})?(\d{4,6})", name)
-            try:
-                if found is None:
-                    raise ProjError(name)
-                crs = pyproj.CRS.from_epsg(int(found.group(1)))
-            except ProjError as error:
-                if fallback is not None:
-                    return fallback
-                raise CityError(
-                    f"{path}: srsName: an EPSG code expected, found {name[:80]!r}; name one with --crs"
-                ) from error
-            return crs.sub_crs_list[0].to_2d() if crs.is_compound else crs.to_2d()
+            return named_crs(f"{path}: srsName", name, found and found.group(1), fallback)
     return None
 
 

@@ -9,6 +9,7 @@ Source: OGC CityJSON 2.0 (21-089), CityJSON 1.1 for sequences; https://www.cityj
 from __future__ import annotations
 
 import json
+import mmap
 import re
 from collections.abc import Iterator, Mapping
 from itertools import chain
@@ -19,12 +20,12 @@ from typing import Any
 import numpy as np
 import pyproj
 from numpy.typing import NDArray
-from pyproj.exceptions import ProjError
 from shapely.geometry import LineString
 
 from mmi.city import TriangleMesh
 from mmi.errors import CityError
 from mmi.io.faces import Color, Faces
+from mmi.io.frame import named_crs
 from mmi.io.pictures import PictureShelf, contained_path
 from mmi.io.raw import ModelLayer, RawModel, RawStreet
 from mmi.io.report import Ledger
@@ -54,11 +55,11 @@ def is_cityjson(path: Path) -> bool:
         head = file.read(_HEAD)
         if re.search(rb'"type"\s*:\s*"CityJSON(Feature)?"', head):
             return True
-        if not head.lstrip().startswith(b"{"):
+        if not head.lstrip().startswith(b"{") or re.search(rb'"type"\s*:\s*"FeatureCollection"', head):
             return False
-        file.seek(0)
         # Keys may come in any order: the type may well stand behind megabytes of vertices.
-        return any(b'"CityObjects"' in piece for piece in iter(lambda: file.read(1 << 20), b""))
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as whole:
+            return whole.find(b'"CityObjects"') >= 0
 
 
 def read_cityjson(path: Path, ledger: Ledger, *, lod: str | None = None, crs: pyproj.CRS | None = None) -> ModelLayer:
@@ -284,18 +285,9 @@ class _Reader:
             system = metadata["crs"].get("epsg")
         if system is None:
             return None
-        found = re.search(r"EPSG[:/]*(?:[\d.]*[:/])?(\d{4,6})$", str(system)) or re.fullmatch(r"(\d{4,6})", str(system))
-        try:
-            if found is None:
-                raise ProjError(str(system))
-            crs = pyproj.CRS.from_epsg(int(found.group(1)))
-        except ProjError as error:
-            if self._fallback is not None:
-                return self._fallback
-            raise CityError(
-                f"{self._path}: referenceSystem: an EPSG code expected, found {str(system)[:80]!r}; name one with --crs"
-            ) from error
-        return (crs.sub_crs_list[0] if crs.is_compound else crs).to_2d()
+        text = str(system)
+        found = re.search(r"EPSG[:/]*(?:[\d.]*[:/])?(\d{4,6})$", text) or re.fullmatch(r"(\d{4,6})", text)
+        return named_crs(f"{self._path}: referenceSystem", text, found and found.group(1), self._fallback)
 
     def _appearance(self, appearance: Mapping[str, Any]) -> None:
         """Pictures, colours and texture coordinates of a document or feature."""

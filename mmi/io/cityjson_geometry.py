@@ -22,13 +22,12 @@ import networkx as nx
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from mmi.city import PLAIN, CityObject, Prism, TriangleMesh
 from mmi.io.needles import without_needles
+from mmi.io.raw_meshes import linked
 from mmi.io.solids import is_closed, volume, weld
-from mmi.terrain import Terrain
+from mmi.terrain import Terrain, grid_triangles
 
 __all__ = ["SCALE", "Named", "Pools", "buildings", "millimetres", "reliefs", "roads"]
 
@@ -147,15 +146,9 @@ def reliefs(terrain: Terrain, pools: Callable[[], Pools]) -> Iterator[Named]:
     starts = [(j, i) for j in range(0, rows - 1, _TILE) for i in range(0, columns - 1, _TILE)]
     for j, i in starts:
         own = pools()
-        heights = terrain.heights[j : j + _TILE + 1, i : i + _TILE + 1]
-        y, x = np.indices(heights.shape)
-        at = np.array(terrain.origin) + terrain.spacing * np.stack([x + i, y + j], axis=-1)
-        points = millimetres(np.concatenate([at, heights[..., None]], axis=-1))
-        index = np.array(own.vertices(map(tuple, points.reshape(-1, 3).tolist())), dtype=np.int64).reshape(
-            heights.shape
-        )
-        a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
-        triangles = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 1, 3)
+        points = millimetres(terrain.points[j : j + _TILE + 1, i : i + _TILE + 1])
+        index = np.array(own.vertices(map(tuple, points.reshape(-1, 3).tolist())), dtype=np.int64)
+        triangles = grid_triangles(index.reshape(points.shape[:2])).reshape(-1, 1, 3)
         geometry = {"type": "CompositeSurface", "lod": "1", "boundaries": triangles.tolist()}
         name = "terrain" if len(starts) == 1 else f"terrain/{j // _TILE}-{i // _TILE}"
         yield name, {"type": "TINRelief", "geometry": [geometry]}, own
@@ -254,8 +247,7 @@ def _mesh_geometry(mesh: TriangleMesh, pools: Pools) -> list[dict[str, Any]]:
 def _components(corners: NDArray[np.int64], rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     """``rows`` in groups of those whose triangles hang together, in order of their first."""
     a, b = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]]]).T
-    size = int(corners.max()) + 1
-    _, part = connected_components(coo_array((np.ones(len(a), dtype=np.int8), (a, b)), (size, size)))
+    part = linked(int(corners.max()) + 1, a, b)
     own = part[corners[:, 0]]
     names, first = np.unique(own, return_index=True)
     return [rows[own == name] for name in names[np.argsort(first)]]

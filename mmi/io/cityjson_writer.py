@@ -27,8 +27,8 @@ from pyproj.exceptions import ProjError
 from mmi.city import City, CityObject, Texture
 from mmi.errors import CityError, ParameterError
 from mmi.io.cityjson_geometry import SCALE, Named, Pools, buildings, millimetres, reliefs, roads
-from mmi.io.whole_files import png_bytes, whole_file
 from mmi.terrain import Terrain
+from mmi.whole_files import png_bytes, whole_file
 
 __all__ = ["CityJSONSeqWriter", "write_cityjson"]
 
@@ -267,4 +267,4 @@ def _texture_files(path: Path, textures: Sequence[Texture]) -> list[str]:
 def _write_textures(path: Path, textures: Sequence[Texture], files: Sequence[str], used: Iterable[int]) -> None:
     for number in used:
         with whole_file(path.parent / files[number]) as file:
-            file.write(png_bytes(textures[number]))
+            file.write(png_bytes(textures[number].image))

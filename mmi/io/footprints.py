@@ -21,12 +21,12 @@ import pyproj
 import shapely
 from numpy.typing import NDArray
 from pyogrio.errors import DataSourceError
-from pyproj.exceptions import ProjError
 from shapely.geometry import LineString
 from shapely.geometry.base import BaseGeometry
 
 from mmi.errors import CityError
-from mmi.io.raw import BuildingLayer, RawBuilding, RawStreet, StreetLayer
+from mmi.io.frame import declared_crs
+from mmi.io.raw import BuildingLayer, RawBuilding, RawStreet, StreetLayer, with_unique_ids
 from mmi.io.report import Ledger
 
 __all__ = ["GDAL_SUFFIXES", "guess_column", "read_footprints", "read_street_lines"]
@@ -144,7 +144,7 @@ def read_footprints(
                 items.append(RawBuilding(id_, geometry, own))
     if len({crs.to_wkt() if crs else "" for crs in found}) > 1:
         raise CityError(f"{path}: layers {', '.join(one.name for one in chosen)} differ in their CRS; expected one")
-    unique = _unique_ids(items, ledger)
+    unique = with_unique_ids(items, ledger)
     return BuildingLayer(str(path), unique, found[0], False, labels[0], labels[1])
 
 
@@ -301,22 +301,9 @@ def _read(layer: _Layer, ledger: Ledger) -> _Table:
         ledger.warn(f"{layer.file.name}: {one.message}")
     geometries = tuple(shapely.from_wkb(wkb, on_invalid="ignore")) if wkb is not None else ()
     columns = {str(name): values for name, values in zip(meta["fields"], data, strict=True)}
-    return _Table(layer, _declared_crs(layer.file, meta["crs"]), geometries, columns)
-
-
-def _declared_crs(file: Path, text: str | None) -> pyproj.CRS | None:
-    """The horizontal CRS that GDAL found, or None."""
-    if not text:
-        return None
-    try:
-        crs = pyproj.CRS.from_user_input(text)
-        crs = (crs.sub_crs_list[0] if crs.is_compound else crs).to_2d()
-    except ProjError as error:
-        raise CityError(
-            f"{file}: declares a CRS that is not understood: {text[:80]!r}; name one with --crs EPSG:..."
-        ) from error
-    # An engineering CRS (GDAL's "undefined") places nothing on the earth.
-    return crs if crs.is_projected or crs.is_geographic else None
+    return _Table(
+        layer, declared_crs(layer.file, meta["crs"], hint="; name one with --crs EPSG:..."), geometries, columns
+    )
 
 
 def _unpacked(geometry: BaseGeometry) -> BaseGeometry:
@@ -399,19 +386,3 @@ def _ids(table: _Table, named: str | None) -> list[str]:
             if _plain(column) == name and None not in texts and len(set(texts)) == len(texts):
                 return [str(text) for text in texts]
     return [f"feature/{row}" for row in rows]
-
-
-def _unique_ids(items: list[RawBuilding], ledger: Ledger) -> tuple[RawBuilding, ...]:
-    """Repeated ids get ``#2``, ``#3``, ... in reading order."""
-    seen: set[str] = set()
-    unique: list[RawBuilding] = []
-    for item in items:
-        id_, n = item.id, 2
-        while id_ in seen:
-            id_, n = f"{item.id}#{n}", n + 1
-        if id_ != item.id:
-            ledger.note("repaired", "repeated id made unique", id_)
-            item = RawBuilding(id_, item.geometry, item.tags)
-        seen.add(id_)
-        unique.append(item)
-    return tuple(unique)

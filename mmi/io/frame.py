@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pyproj
@@ -20,11 +22,12 @@ from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from mmi.errors import CityError, ParameterError
-from mmi.io.raw import BuildingLayer, StreetLayer
+from mmi.io.raw import BuildingLayer, RawBuilding, RawModel, RawStreet, StreetLayer
+from mmi.io.report import Ledger
 
 __all__ = [
-    "Box", "Frame", "agree_on_crs", "box_to_frame", "check_not_swapped", "choose_frame", "coordinate_bounds", "lonlat_bounds",
-    "meets_box", "parse_crs", "points_to_frame", "to_frame",
+    "Box", "Frame", "agree_on_crs", "box_to_frame", "check_not_swapped", "choose_frame", "coordinate_bounds", "declared_crs",
+    "lonlat_bounds", "meets_box", "named_crs", "parse_crs", "points_to_frame", "to_frame", "within_clip",
 ]  # fmt: skip
 
 Box = tuple[float, float, float, float]
@@ -59,6 +62,38 @@ def parse_crs(text: str) -> pyproj.CRS:
     if not (crs.is_projected or crs.is_geographic):
         raise ParameterError(f"--crs: expected a projected or geographic system, found {text!r} ({crs.type_name})")
     return crs
+
+
+def declared_crs(file: Path, text: str | None, *, hint: str = "") -> pyproj.CRS | None:
+    """The horizontal CRS that a file declares in words of GDAL; None for none, or one that places nothing on the earth.
+
+    Raises:
+        CityError: pyproj does not understand it; ``hint`` says what to do.
+    """
+    if not text:
+        return None
+    try:
+        crs = _horizontal(pyproj.CRS.from_user_input(text))
+    except ProjError as error:
+        raise CityError(f"{file}: declares a CRS that is not understood: {text[:80]!r}{hint}") from error
+    # An engineering CRS (GDAL's "undefined") places nothing on the earth.
+    return crs if crs.is_projected or crs.is_geographic else None
+
+
+def named_crs(where: str, text: str, code: str | None, fallback: pyproj.CRS | None) -> pyproj.CRS:
+    """The horizontal CRS of the EPSG ``code`` found in ``text``; ``fallback`` where pyproj knows none.
+
+    Raises:
+        CityError: it knows none, and there is no fallback; ``where`` says what names it.
+    """
+    try:
+        if code is None:
+            raise ProjError(text)
+        return _horizontal(pyproj.CRS.from_epsg(int(code)))
+    except ProjError as error:
+        if fallback is not None:
+            return fallback
+        raise CityError(f"{where}: an EPSG code expected, found {text[:80]!r}; name one with --crs") from error
 
 
 def _horizontal(crs: pyproj.CRS) -> pyproj.CRS:
@@ -314,22 +349,22 @@ def _unsuitable(crs: pyproj.CRS, lon: float, lat: float) -> str | None:
     return None
 
 
-def to_frame(geometries: Sequence[BaseGeometry], crs: pyproj.CRS, frame: Frame) -> NDArray[np.object_]:
-    """Geometries from ``crs`` into ``frame``: flat, metres less the origin, rounded to 1 mm so that bytes are stable."""
-    origin = np.array(frame.origin[:2])
-    target = pyproj.CRS.from_user_input(frame.crs)
-
-    def move(points: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.round(_transform(crs, target, points) - origin, 3) + 0.0
-
+def to_frame(geometries: Sequence[BaseGeometry], crs: pyproj.CRS | None, frame: Frame) -> NDArray[np.object_]:
+    """Geometries from ``crs`` (None: the frame's own units) into ``frame``, flat, rounded to 1 mm so that bytes are stable."""
     flat = shapely.force_2d(np.asarray(geometries, dtype=object))
-    return np.asarray(shapely.transform(flat, move), dtype=object)
+    return np.asarray(
+        shapely.transform(flat, lambda points: np.round(_plan_to_frame(points, crs, frame), 3) + 0.0), dtype=object
+    )
 
 
 def points_to_frame(points: NDArray[np.float64], crs: pyproj.CRS | None, frame: Frame) -> NDArray[np.float64]:
-    """Points (n, 3) from ``crs`` (None: the frame's own units) into ``frame``; heights stay as they are."""
-    plan = points[:, :2] if crs is None else _transform(crs, pyproj.CRS.from_user_input(frame.crs), points[:, :2])
-    return np.column_stack([plan, points[:, 2]]) - np.array(frame.origin)
+    """Points (n, 3) from ``crs`` (None: the frame's own units) into ``frame``; heights less the origin's."""
+    return np.column_stack([_plan_to_frame(points[:, :2], crs, frame), points[:, 2] - frame.origin[2]])
+
+
+def _plan_to_frame(points: NDArray[np.float64], crs: pyproj.CRS | None, frame: Frame) -> NDArray[np.float64]:
+    plan = points if crs is None else _transform(crs, pyproj.CRS.from_user_input(frame.crs), points)
+    return plan - np.array(frame.origin[:2])
 
 
 def box_to_frame(box: Box, frame: Frame) -> Polygon:
@@ -346,3 +381,23 @@ def meets_box(geometries: Sequence[BaseGeometry], crs: pyproj.CRS, box: Box) -> 
         lon, lat = _transform(crs, _WGS84, corners).reshape(4, -1, 2).transpose(2, 0, 1)
         x0, y0, x1, y1 = lon.min(axis=0), lat.min(axis=0), lon.max(axis=0), lat.max(axis=0)
     return np.asarray((x0 <= box[2]) & (x1 >= box[0]) & (y0 <= box[3]) & (y1 >= box[1]))
+
+
+_Item = TypeVar("_Item", RawBuilding, RawModel, RawStreet)
+
+
+def within_clip(
+    items: Sequence[_Item], inside: NDArray[np.bool_], clip: Box, ledger: Ledger, *, file: str, kind: str
+) -> tuple[_Item, ...]:
+    """Those ``items`` (n,) of a file that are ``inside`` (n,) the box; the others are counted. ``kind``: building, street.
+
+    Raises:
+        CityError: none is.
+    """
+    for item, stays in zip(items, inside, strict=True):
+        if not stays:
+            ledger.note("left out", f"{kind}: outside --clip", item.id)
+    if not inside.any():
+        box = ",".join(f"{one:g}" for one in clip)
+        raise CityError(f"{file}: no {kind}s within --clip {box} (west,south,east,north in degrees)")
+    return tuple(item for item, stays in zip(items, inside, strict=True) if stays)

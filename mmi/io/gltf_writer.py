@@ -29,10 +29,10 @@ from numpy.typing import NDArray
 from mmi.city import PAINTED, PLAIN, City, CityObject, Prism, Texture, TriangleMesh
 from mmi.errors import CityError
 from mmi.io.solids import weld
-from mmi.io.whole_files import png_bytes, whole_file
 from mmi.srgb import linear_from_srgb
 from mmi.surfaces import triangulate
-from mmi.terrain import Terrain
+from mmi.terrain import Terrain, grid_triangles
+from mmi.whole_files import png_bytes, whole_file
 
 __all__ = ["write_glb"]
 
@@ -112,14 +112,11 @@ class _Scene:
 
     def add_terrain(self, terrain: Terrain) -> None:
         """Two triangles for each square of the grid."""
-        y, x = np.indices(terrain.heights.shape)
-        at = np.array(terrain.origin) + terrain.spacing * np.stack([x, y], axis=-1)
-        points = _y_up(np.concatenate([at, terrain.heights[..., None]], axis=-1).reshape(-1, 3))
-        index = np.arange(len(points)).reshape(terrain.heights.shape)
-        a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+        points = _y_up(terrain.points.reshape(-1, 3))
+        triangles = grid_triangles(np.arange(len(points)).reshape(terrain.heights.shape))
         entry = {
             "attributes": {"POSITION": self._positions(points)},
-            "indices": self._indices(np.stack([a, b, c, a, c, d], axis=-1).reshape(-1), len(points)),
+            "indices": self._indices(triangles.reshape(-1), len(points)),
             "material": self._material(_TERRAIN),
         }
         self._node("terrain", [entry], {})
@@ -131,7 +128,7 @@ class _Scene:
         blobs: list[bytes | bytearray] = list(self._views.values())
         views: list[dict[str, Any]] = []
         start = 0
-        for i, blob in enumerate([*blobs, *(png_bytes(self._textures[number]) for number in images)]):
+        for i, blob in enumerate([*blobs, *(png_bytes(self._textures[number].image) for number in images)]):
             view: dict[str, Any] = {"buffer": 0, "byteOffset": start, "byteLength": len(blob)}
             if i < len(names):
                 stride, target = _VIEWS[names[i]]

@@ -22,7 +22,7 @@ from mmi.city import PAINTED, PLAIN, TriangleMesh
 from mmi.errors import CityError, ParameterError
 from mmi.io.gltf_reader import read_gltf
 from mmi.io.obj import read_obj
-from mmi.io.raw import ModelLayer, RawModel
+from mmi.io.raw import ModelLayer, RawModel, with_unique_ids
 from mmi.io.raw_meshes import joined_meshes, placed_corners, y_up_to_z_up
 from mmi.io.report import Ledger
 from mmi.io.splitting import split_into_objects
@@ -81,7 +81,7 @@ def read_meshes(path: Path, ledger: Ledger, *, up: str = "auto") -> ModelLayer:
     ledger.note("read", "triangles of meshes", count=sum(len(one.mesh.triangles) for one in layer.items))
     layer = _without_ground(layer)
     return (
-        replace(layer, items=_with_unique_ids(layer.items, ledger)) if _are_buildings(layer) else _split(layer, ledger)
+        replace(layer, items=with_unique_ids(layer.items, ledger)) if _are_buildings(layer) else _split(layer, ledger)
     )
 
 
@@ -181,15 +181,14 @@ def _are_buildings(layer: ModelLayer) -> bool:
 
 def _split(layer: ModelLayer, ledger: Ledger) -> ModelLayer:
     """The layer with its meshes taken apart; as it was where that yields no more objects than it has nodes."""
-    trial = Ledger() if len(layer.items) > 1 else ledger
-    whole = joined_meshes([one.mesh for one in layer.items])
-    models, ground = split_into_objects(whole, trial)
+    trial = Ledger()
+    models, ground = split_into_objects(joined_meshes([one.mesh for one in layer.items]), trial)
     if len(layer.items) > 1 and len(models) <= len(layer.items):
         ledger.note("noted", "meshes that overlap, taken as they are", count=len(layer.items))
-        return replace(layer, items=_with_unique_ids(layer.items, ledger))
+        return replace(layer, items=with_unique_ids(layer.items, ledger))
     if len(layer.items) > 1:
         ledger.note("noted", "meshes that overlap, joined before splitting", count=len(layer.items))
-        models, ground = split_into_objects(whole, ledger)
+    ledger.absorb(trial)
     if layer.terrain is not None and ground is not None:
         ground = joined_meshes([layer.terrain, ground])
     if len(models) == 1 and len(layer.items) == 1:
@@ -197,18 +196,3 @@ def _split(layer: ModelLayer, ledger: Ledger) -> ModelLayer:
     else:
         ledger.note("noted", "objects that one mesh was split into", count=len(models))
     return replace(layer, items=models, terrain=layer.terrain if ground is None else ground)
-
-
-def _with_unique_ids(items: tuple[RawModel, ...], ledger: Ledger) -> tuple[RawModel, ...]:
-    """Repeated ids get ``#2``, ``#3``, ... in reading order."""
-    seen: set[str] = set()
-    unique: list[RawModel] = []
-    for item in items:
-        name, n = item.id, 2
-        while name in seen:
-            name, n = f"{item.id}#{n}", n + 1
-        if name != item.id:
-            ledger.note("repaired", "repeated id made unique", name)
-        seen.add(name)
-        unique.append(RawModel(name, item.mesh))
-    return tuple(unique)

@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from pyproj import CRS
-from shapely.geometry import LineString
+from shapely.geometry import Polygon
 
 from mmi.city import City, CityObject
 from mmi.errors import CityError, ParameterError
@@ -31,7 +31,7 @@ from mmi.io.frame import (
     lonlat_bounds,
     meets_box,
     points_to_frame,
-    to_frame,
+    within_clip,
 )
 from mmi.io.ground import ground_of_buildings, ground_of_file, ground_of_model, settled
 from mmi.io.meshes import is_mesh, read_meshes
@@ -39,7 +39,7 @@ from mmi.io.models import objects_from_models
 from mmi.io.open_space import open_space_streets
 from mmi.io.raw import BuildingLayer, ModelLayer, RawBuilding, StreetLayer
 from mmi.io.report import Ledger
-from mmi.io.streets import graph_from_lines
+from mmi.io.streets import graph_from_lines, moved_lines
 from mmi.terrain import Terrain
 
 __all__ = ["city_of_model", "is_model", "read_model"]
@@ -110,9 +110,7 @@ def city_of_model(
         lines, network = StreetLayer(layer.file, paths, None, False), "all"
         shapes = [list(item.lines) for item in lines.items]
     else:
-        flat = [line for item in lines.items for line in item.lines]
-        moved = iter(_moved(flat, street_crs, frame))
-        shapes = [[next(moved) for _ in item.lines] for item in lines.items]
+        shapes = moved_lines(lines, street_crs, frame)
     graph = graph_from_lines(
         lines,
         shapes,
@@ -133,8 +131,7 @@ def _agreed(layer: ModelLayer, lines: StreetLayer | None, override: CRS | None) 
         return override or layer.crs, None
     if layer.crs is None and override is None and (lines.crs is None or _no_degrees(lines)):
         return None, None
-    boxes = [shapely.box(*shapely.total_bounds(shapely.points(item.mesh.vertices[:, :2]))) for item in layer.items]
-    outlines = tuple(RawBuilding(item.id, box, {}) for item, box in zip(layer.items, boxes, strict=True))
+    outlines = tuple(RawBuilding(item.id, box, {}) for item, box in zip(layer.items, _boxes(layer), strict=True))
     return agree_on_crs(BuildingLayer(layer.file, outlines, layer.crs, False, "", ""), lines, override)
 
 
@@ -154,27 +151,17 @@ def _frame(layer: ModelLayer, crs: CRS | None) -> Frame:
     return choose_frame(layer.file, bounds, crs, lonlat_bounds(layer.file, bounds, crs))
 
 
-def _moved(lines: list[LineString], crs: CRS | None, frame: Frame) -> list[LineString]:
-    if crs is not None:
-        return list(to_frame(lines, crs, frame))
-    origin = np.array(frame.origin[:2])
-    return list(shapely.transform(shapely.force_2d(lines), lambda points: np.round(points - origin, 3) + 0.0))
+def _boxes(layer: ModelLayer) -> list[Polygon]:
+    """What each building's mesh lies within, in plan."""
+    return [shapely.box(*shapely.total_bounds(shapely.points(item.mesh.vertices[:, :2]))) for item in layer.items]
 
 
 def _clipped(layer: ModelLayer, crs: CRS | None, clip: Box, ledger: Ledger) -> ModelLayer:
     """Only what meets the box by its own bounding box; the rest is counted."""
     if crs is None:
         raise ParameterError(f"--clip: a model with a coordinate system expected, found {layer.file} (--crs names one)")
-    boxes = [shapely.box(*shapely.total_bounds(shapely.points(item.mesh.vertices[:, :2]))) for item in layer.items]
-    near = meets_box(boxes, crs, clip)
-    for item, inside in zip(layer.items, near, strict=True):
-        if not inside:
-            ledger.note("left out", "building: outside --clip", item.id)
-    items = tuple(item for item, inside in zip(layer.items, near, strict=True) if inside)
-    if not items:
-        box = ",".join(f"{one:g}" for one in clip)
-        raise CityError(f"{layer.file}: no buildings within --clip {box} (west,south,east,north in degrees)")
-    return replace(layer, items=items)
+    near = meets_box(_boxes(layer), crs, clip)
+    return replace(layer, items=within_clip(layer.items, near, clip, ledger, file=layer.file, kind="building"))
 
 
 def _ground(

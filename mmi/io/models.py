@@ -19,8 +19,6 @@ from itertools import pairwise
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
@@ -28,7 +26,9 @@ from mmi.city import CityObject, Prism, TriangleMesh
 from mmi.errors import CityError
 from mmi.io.needles import without_needles
 from mmi.io.raw import ModelLayer
+from mmi.io.raw_meshes import linked
 from mmi.io.report import Ledger
+from mmi.io.solids import weld
 
 __all__ = ["objects_from_models"]
 
@@ -97,7 +97,8 @@ def _cleaned(mesh: TriangleMesh, name: str, ledger: Ledger) -> TriangleMesh | No
     mesh = without_needles(mesh)
     corners = mesh.vertices[mesh.triangles]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    order, place = _welded(mesh.vertices)
+    place = weld(mesh.vertices)
+    _, order = np.unique(place, return_index=True)
     # Two that face each other are a wall between two solids: only the same way round is a repetition.
     triangles = place[mesh.triangles]
     turn = np.argmin(triangles, axis=1)
@@ -124,15 +125,6 @@ def _cleaned(mesh: TriangleMesh, name: str, ledger: Ledger) -> TriangleMesh | No
     )
 
 
-def _welded(vertices: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Which vertices differ, and the place (n,) of each vertex among those."""
-    order = np.lexsort(vertices.T)
-    new = np.append(True, (np.diff(vertices[order], axis=0) != 0.0).any(axis=1))
-    place = np.empty(len(vertices), dtype=np.int64)
-    place[order] = np.cumsum(new) - 1
-    return order[new], place
-
-
 def _foot(mesh: TriangleMesh) -> float:
     """The height above which all edges have their opposites; minus infinity where all have anyway."""
     a = mesh.triangles.reshape(-1).astype(np.int64)
@@ -145,10 +137,9 @@ def _foot(mesh: TriangleMesh) -> float:
 
 def _bodies(mesh: TriangleMesh) -> tuple[int, NDArray[np.int64]]:
     """How many pieces of a mesh share no points, and the piece (m,) of each triangle."""
-    n, (a, b, c) = len(mesh.vertices), mesh.triangles.T
-    links = coo_array((np.ones(2 * len(a), dtype=bool), (np.append(a, b), np.append(b, c))), shape=(n, n))
-    count, of = connected_components(links, directed=False)
-    return int(count), np.asarray(of[a], dtype=np.int64)
+    a, b, c = mesh.triangles.T
+    of = linked(len(mesh.vertices), np.append(a, b), np.append(b, c))
+    return int(of.max()) + 1, of[a]
 
 
 def _closed_bodies(mesh: TriangleMesh, count: int, of: NDArray[np.int64]) -> Iterator[tuple[TriangleMesh, float]]:

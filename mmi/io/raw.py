@@ -6,15 +6,27 @@ other formats translate their columns. Nothing here is repaired, projected or ju
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import pyproj
 from shapely.geometry import LineString
 from shapely.geometry.base import BaseGeometry
 
 from mmi.city import Texture, TriangleMesh
+from mmi.io.report import Ledger
 
-__all__ = ["BuildingLayer", "ModelLayer", "RawBuilding", "RawModel", "RawStreet", "StreetLayer", "is_yes"]
+__all__ = [
+    "BuildingLayer",
+    "ModelLayer",
+    "RawBuilding",
+    "RawModel",
+    "RawStreet",
+    "StreetLayer",
+    "is_yes",
+    "with_unique_ids",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,3 +100,22 @@ class StreetLayer:
 def is_yes(value: str | None) -> bool:
     """True for a flag that is set: present and not one of the ways to write no."""
     return value is not None and value.strip().lower() not in {"", "no", "n", "false", "f", "0", "none"}
+
+
+_Named = TypeVar("_Named", RawBuilding, RawModel)
+
+
+def with_unique_ids(items: Sequence[_Named], ledger: Ledger) -> tuple[_Named, ...]:
+    """Repeated ids get ``#2``, ``#3``, ... in reading order."""
+    seen: set[str] = set()
+    unique: list[_Named] = []
+    for item in items:
+        id_, n = item.id, 2
+        while id_ in seen:
+            id_, n = f"{item.id}#{n}", n + 1
+        if id_ != item.id:
+            ledger.note("repaired", "repeated id made unique", id_)
+            item = replace(item, id=id_)
+        seen.add(id_)
+        unique.append(item)
+    return tuple(unique)

@@ -1,16 +1,19 @@
-"""Triangle meshes as readers handle them: joined, picked from, turned, and freed of corners that have no place."""
+"""Triangle meshes as readers handle them: joined, taken apart, picked from, turned, freed of corners that have no place."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from mmi.city import TriangleMesh
 from mmi.io.report import Ledger
 
-__all__ = ["joined_meshes", "picked_triangles", "placed_corners", "y_up_to_z_up"]
+__all__ = ["joined_meshes", "linked", "picked_triangles", "placed_corners", "y_up_to_z_up"]
 
 _FARTHEST = 1.0e8
 """Metres: coordinates beyond are a mistake, no projection of the earth reaches there."""
@@ -28,6 +31,15 @@ def joined_meshes(parts: Sequence[TriangleMesh]) -> TriangleMesh:
         np.concatenate([part.colors for part in parts]),
         np.concatenate([part.uv for part in parts]),
     )
+
+
+def linked(n: int, a: NDArray[np.integer[Any]], b: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
+    """Labels (n,) of what the pairs (a, b) connect, in the order of the lowest member."""
+    _, labels = connected_components(coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(n, n)), directed=False)
+    _, first, label = np.unique(labels, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), dtype=np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return rank[label.reshape(-1)]
 
 
 def picked_triangles(mesh: TriangleMesh, places: NDArray[np.intp]) -> TriangleMesh:

@@ -14,12 +14,12 @@ import pyproj
 import rasterio
 import shapely
 from numpy.typing import ArrayLike, NDArray
-from pyproj.exceptions import ProjError
 from rasterio.errors import RasterioError
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from mmi.errors import CityError
+from mmi.io.frame import declared_crs
 from mmi.io.report import Ledger
 from mmi.terrain import Terrain
 
@@ -246,7 +246,7 @@ def _raster_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyp
                 u, v = (i + 0.5) * raster.width / columns, (j + 0.5) * raster.height / rows
                 t = raster.transform
                 x, y = t.a * u + t.b * v + t.c, t.d * u + t.e * v + t.f
-                crs = None if raster.crs is None else _horizontal(path, raster.crs.to_wkt())
+                crs = declared_crs(path, None if raster.crs is None else raster.crs.to_wkt())
     except (RasterioError, ValueError, OSError) as error:
         raise CityError(f"{path}: expected a raster of heights that GDAL reads (GeoTIFF); found: {error}") from error
     if not len(i):
@@ -291,8 +291,7 @@ def _vector_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyp
             f"{path}: expected a z or a column of heights (height, elevation, z, ...); found columns {names}"
         )
     ledger.note("left out", "point of the ground: no height", path.name, count=int((~sound).sum()))
-    text = meta["crs"]
-    return xyz[sound], None if not text else _horizontal(path, text)
+    return xyz[sound], declared_crs(path, meta["crs"])
 
 
 def _height_column(columns: dict[str, NDArray[np.generic]]) -> str | None:
@@ -302,13 +301,3 @@ def _height_column(columns: dict[str, NDArray[np.generic]]) -> str | None:
             if re.sub(r"[^a-z]", "", name.lower()) == wanted and np.asarray(values).dtype.kind in "iuf":
                 return name
     return None
-
-
-def _horizontal(path: Path, text: str) -> pyproj.CRS | None:
-    """The CRS without heights; None for one that places nothing on the earth."""
-    try:
-        crs = pyproj.CRS.from_user_input(text)
-        crs = (crs.sub_crs_list[0] if crs.is_compound else crs).to_2d()
-    except ProjError as error:
-        raise CityError(f"{path}: declares a CRS that is not understood: {text[:80]!r}") from error
-    return crs if crs.is_projected or crs.is_geographic else None

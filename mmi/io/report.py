@@ -108,6 +108,15 @@ class Ledger:
         if text not in self._warnings:
             self._warnings.append(text)
 
+    def absorb(self, other: Ledger) -> None:
+        """Add everything that ``other`` has."""
+        for line, (more, ids, length) in other._lines.items():
+            total, examples, metres = self._lines.get(line, (0, (), None))
+            both = tuple(dict.fromkeys((*examples, *ids)))[:_EXAMPLES]
+            self._lines[line] = (total + more, both, metres if length is None else length + (metres or 0.0))
+        for text in other._warnings:
+            self.warn(text)
+
     def count(self, section: Section, what: str | None = None) -> int:
         """Total of the line ``what``, or of the whole section."""
         return sum(n for (s, w), (n, _, _) in self._lines.items() if s == section and what in (None, w))

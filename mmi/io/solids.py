@@ -16,10 +16,9 @@ from types import MappingProxyType
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from mmi.city import TriangleMesh
+from mmi.io.raw_meshes import linked
 from mmi.surfaces import triangulate
 
 __all__ = ["NAMES", "Defect", "Surface", "check_mesh", "check_solid", "check_surfaces", "is_closed", "volume", "weld"]
@@ -311,7 +310,7 @@ def _shell_defects(faces: _Faces, where: str, self_intersections: bool) -> list[
 
 def _components(a: NDArray[np.int64], b: NDArray[np.int64], count: int) -> int:
     """How many parts ``count`` nodes fall into that are linked a[i] to b[i]."""
-    return int(connected_components(coo_array((np.ones(len(a), dtype=np.int8), (a, b)), (count, count)))[0])
+    return int(linked(count, a, b).max(initial=-1)) + 1
 
 
 def _pieces(polygon: NDArray[np.int64], vertex: NDArray[np.int64], polygons: int) -> int:

@@ -13,13 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mmi.city import TriangleMesh
 from mmi.io.raw import RawModel
-from mmi.io.raw_meshes import picked_triangles
+from mmi.io.raw_meshes import linked, picked_triangles
 from mmi.io.report import Ledger
 
 __all__ = ["split_into_objects", "welded"]
@@ -98,7 +96,7 @@ def welded(mesh: TriangleMesh, ledger: Ledger, *, tolerance: float = _WELD) -> T
     """
     points, place = np.unique(mesh.vertices, axis=0, return_inverse=True)
     pairs = cKDTree(points).query_pairs(tolerance, output_type="ndarray") if tolerance > 0.0 else np.empty((0, 2), int)
-    clusters = _components(len(points), pairs[:, 0], pairs[:, 1])
+    clusters = linked(len(points), pairs[:, 0], pairs[:, 1])
     # Points are sorted: the first of a cluster is the same one in every order of the file.
     _, first = np.unique(clusters, return_index=True)
     triangles = clusters[place.reshape(-1)][mesh.triangles]
@@ -118,15 +116,6 @@ def welded(mesh: TriangleMesh, ledger: Ledger, *, tolerance: float = _WELD) -> T
     keep = sound[order[~same]]
     ledger.note("repaired", "triangle that is there twice dropped", count=int(same.sum()))
     return TriangleMesh(points, triangles[keep].astype(np.int32), mesh.textures[keep], mesh.colors[keep], mesh.uv[keep])
-
-
-def _components(n: int, a: NDArray[np.intp], b: NDArray[np.intp]) -> NDArray[np.int64]:
-    """Labels (n,) of what the pairs (a, b) connect, in the order of the lowest member."""
-    _, labels = connected_components(coo_matrix((np.ones(len(a), dtype=bool), (a, b)), shape=(n, n)), directed=False)
-    _, first, label = np.unique(labels, return_index=True, return_inverse=True)
-    rank = np.empty(len(first), dtype=np.int64)
-    rank[np.argsort(first)] = np.arange(len(first))
-    return rank[label.reshape(-1)]
 
 
 def _normals(mesh: TriangleMesh) -> NDArray[np.float64]:
@@ -156,7 +145,7 @@ def _find_ground(mesh: TriangleMesh, plan: float) -> NDArray[np.bool_]:
     of = np.repeat(np.arange(len(level)), 3)
     order = np.argsort(flat, kind="stable")
     same = np.flatnonzero(flat[order][1:] == flat[order][:-1])
-    surfaces = _components(len(level), of[order[same]], of[order[same + 1]])
+    surfaces = linked(len(level), of[order[same]], of[order[same + 1]])
     low, high = _extents(mesh.vertices[corners[level]], surfaces)
     span = high - low
     wide = (np.hypot(span[:, 0], span[:, 1]) > _WIDE) & (span[:, 0] * span[:, 1] > _WIDE_SHARE * plan)
@@ -213,7 +202,7 @@ def _parts(mesh: TriangleMesh, rest: NDArray[np.intp]) -> tuple[NDArray[np.int64
     """Label (m,) of each of the triangles ``rest``: what shares corners is one part, parts in the order of their boxes."""
     used, corners = np.unique(mesh.triangles[rest], return_inverse=True)
     corners = corners.reshape(-1, 3)
-    joined = _components(len(used), corners[:, :2].ravel(), corners[:, 1:].ravel())
+    joined = linked(len(used), corners[:, :2].ravel(), corners[:, 1:].ravel())
     labels = joined[corners[:, 0]]
     low, high = _extents(mesh.vertices[mesh.triangles[rest]], labels)
     order = np.lexsort((*high.T[::-1], *low.T[::-1]))
@@ -279,4 +268,4 @@ def _merged(mesh: TriangleMesh, rest: NDArray[np.intp], labels: NDArray[np.int64
     order = np.lexsort((lower, -np.round(shared, 6), upper))
     _, first = np.unique(upper[order], return_index=True)
     best = order[first]
-    return _components(len(plans), np.r_[joined_a, upper[best]], np.r_[joined_b, lower[best]])
+    return linked(len(plans), np.r_[joined_a, upper[best]], np.r_[joined_b, lower[best]])

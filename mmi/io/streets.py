@@ -14,6 +14,7 @@ from types import MappingProxyType
 
 import networkx as nx
 import numpy as np
+import pyproj
 import shapely
 from numpy.typing import NDArray
 from shapely.geometry import LineString
@@ -21,12 +22,13 @@ from shapely.geometry.base import BaseGeometry
 
 from mmi.city import CityObject
 from mmi.errors import CityError
+from mmi.io.frame import Frame, to_frame
 from mmi.io.heights import parse_metres
 from mmi.io.raw import RawStreet, StreetLayer, is_yes
 from mmi.io.report import Ledger
 from mmi.terrain import Terrain
 
-__all__ = ["graph_from_lines", "half_width", "refusal", "street_kind"]
+__all__ = ["graph_from_lines", "half_width", "moved_lines", "refusal", "street_kind"]
 
 _LANE_WIDTH = 3.0
 _SNAP = 0.1
@@ -112,6 +114,13 @@ class _Piece:
 
     street: int
     line: LineString
+
+
+def moved_lines(layer: StreetLayer, crs: pyproj.CRS | None, frame: Frame) -> list[list[LineString]]:
+    """The lines of each street of ``layer`` from ``crs`` (None: the frame's own units) into ``frame``."""
+    flat = to_frame([line for item in layer.items for line in item.lines], crs, frame)
+    ends = np.cumsum([len(item.lines) for item in layer.items])
+    return [list(own) for own in np.split(flat, ends[:-1])]
 
 
 def graph_from_lines(

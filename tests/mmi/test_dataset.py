@@ -13,8 +13,8 @@ from mmi.camera import Camera
 from mmi.dataset import FORMAT_VERSION, Dataset, open_dataset, readable_json, with_checksum
 from mmi.errors import DatasetError
 from mmi.farm import build_dataset
-from mmi.io.stored import canonical_json
 from mmi.parameters import BuildParameters
+from mmi.stored import canonical_json
 
 PARAMETERS = BuildParameters(near_distance=30.0, camera=Camera(128, 128, 1.0), cell_length=80.0)
 REFUSED = (

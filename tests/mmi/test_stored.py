@@ -18,7 +18,7 @@ from shapely.geometry import box
 
 from mmi.city import City, CityObject, Prism, Texture, TriangleMesh
 from mmi.errors import CityError
-from mmi.io.stored import canonical_json, city_from_json, city_to_json, object_fingerprints
+from mmi.stored import canonical_json, city_from_json, city_to_json, object_fingerprints
 
 ARRAYS = ("vertices", "triangles", "textures", "colors", "uv")
 

@@ -92,15 +92,9 @@ class Picture:
     moved: np.ndarray
 
 
-def compare(city, impostor, view):
-    """One view of geometry and impostor."""
-    u, v = (one.ravel() for one in np.meshgrid(*view.pixel_centres()))
-    rays = np.column_stack([u / view.focal, -v / view.focal, np.full(len(u), -1.0)]) @ view.eye_from_world[:3, :3]
-    origins = np.broadcast_to(view.eye, rays.shape)
-    shape = (view.window[3], view.window[2])
-    truth = Solids(city).cast(origins, rays)[1].reshape(shape)
-    best, shown = (one.reshape(shape) for one in Solids(city, impostor.near).cast(origins, rays))
-    moved = np.zeros(shape)
+def draw_layers(impostor, view, best, shown):
+    """Draw the layers over what is nearest so far (``best``, ``shown``); how far what shows of them is displaced, radians."""
+    moved = np.zeros(best.shape)
     for layer in impostor.layers:
         texture, vertices = layer.texture, layer.mesh.vertices.astype(np.float64)
         rotation, shift = view.eye_from_world[:3, :3], view.eye_from_world[:3, 3]
@@ -121,7 +115,18 @@ def compare(city, impostor, view):
             shown,
             moved,
         )
-    return Picture(truth, shown, moved)
+    return moved
+
+
+def compare(city, impostor, view):
+    """One view of geometry and impostor."""
+    u, v = (one.ravel() for one in np.meshgrid(*view.pixel_centres()))
+    rays = np.column_stack([u / view.focal, -v / view.focal, np.full(len(u), -1.0)]) @ view.eye_from_world[:3, :3]
+    origins = np.broadcast_to(view.eye, rays.shape)
+    shape = (view.window[3], view.window[2])
+    truth = Solids(city).cast(origins, rays)[1].reshape(shape)
+    best, shown = (one.reshape(shape) for one in Solids(city, impostor.near).cast(origins, rays))
+    return Picture(truth, shown, draw_layers(impostor, view, best, shown))
 
 
 def views_of(city, cell, count, rng):

@@ -12,7 +12,7 @@ import math
 import numpy as np
 import pytest
 from hills import Drawn, eyes_in, hilly_city, terraces
-from test_bound import CAMERA, Picture, _draw
+from test_bound import CAMERA, Picture, draw_layers
 
 from mmi.build import build_cell, prepare_scene
 from mmi.camera import level_view
@@ -32,26 +32,7 @@ def compare(drawn, near, impostor, view):
     shape = (view.window[3], view.window[2])
     truth = drawn.cast(origins, rays)[1].reshape(shape)
     best, shown = (one.reshape(shape) for one in near.cast(origins, rays))
-    moved = np.zeros(shape)
-    rotation, shift = view.eye_from_world[:3, :3], view.eye_from_world[:3, 3]
-    for layer in impostor.layers:
-        texture, vertices = layer.texture, layer.mesh.vertices.astype(np.float64)
-        there = texture.view.eye_from_world
-        turned = rotation @ there[:3, :3].T
-        _draw(
-            (vertices @ rotation.T + shift)[layer.mesh.triangles],
-            (vertices @ there[:3, :3].T + there[:3, 3])[layer.mesh.triangles],
-            np.ascontiguousarray(turned),
-            shift - turned @ there[:3, 3],
-            view.focal,
-            texture.depth,
-            texture.object_ids,
-            np.array([texture.view.window[0], texture.view.window[1], texture.view.focal], dtype=np.float64),
-            best,
-            shown,
-            moved,
-        )
-    return Picture(truth, shown, moved)
+    return Picture(truth, shown, draw_layers(impostor, view, best, shown))
 
 
 def worst(city, cell, impostor, *, views, seed):

@@ -9,19 +9,20 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
-from mmi.city import Texture
-from mmi.errors import CityError
+from mmi.errors import CityError, MmiError
 
 __all__ = ["png_bytes", "whole_file"]
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[BinaryIO]:
+def whole_file(path: Path, *, error: type[MmiError] = CityError) -> Iterator[BinaryIO]:
     """A file to write to, which becomes ``path`` when the block ends well and vanishes otherwise; makes its folder.
 
-    Raises CityError where it cannot be written.
+    Raises ``error`` where it cannot be written.
     """
     temporary = path.with_name(f"{path.name}.part-{os.getpid()}")
     try:
@@ -29,16 +30,16 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
         with temporary.open("wb") as file:
             yield file
         temporary.replace(path)
-    except BaseException as error:
+    except BaseException as reason:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise CityError(f"{path}: a writable file expected, found: {error.strerror or error}") from error
+        if isinstance(reason, OSError):
+            raise error(f"{path}: a writable file expected, found: {reason.strerror or reason}") from reason
         raise
 
 
-def png_bytes(texture: Texture) -> bytes:
-    """The picture as PNG; the same picture gives the same bytes."""
+def png_bytes(pixels: NDArray[np.uint8], *, quick: bool = False) -> bytes:
+    """Pixels (h, w, 3) as PNG; the same pixels give the same bytes. ``quick``: rather than small."""
     buffer = io.BytesIO()
-    Image.fromarray(texture.image).save(buffer, format="png")
+    Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, format="png", compress_level=1 if quick else -1)
     return buffer.getvalue()
