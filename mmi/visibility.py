@@ -229,7 +229,7 @@ def _shrink(
         unions += [part[0] if len(part) == 1 else shapely.union_all(part) for part in parts]
         levels += [lowest] * len(parts)
     # Unions leave edges of no length to speak of, which have no direction to mitre.
-    outlines = shapely.remove_repeated_points(np.array(unions, dtype=object), 5e-4)
+    outlines = shapely.simplify(np.array(unions, dtype=object), 5e-4)
     inner, of = shapely.get_parts(
         shapely.buffer(outlines, -(distance + _TOLERANCE), join_style="mitre"), return_index=True
     )
