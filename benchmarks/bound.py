@@ -20,9 +20,10 @@ import numpy as np
 from PIL import Image
 
 from mmi.dataset import open_dataset
+from mmi.thickness import thickness
 from viewer.gl import Renderer
 from viewer.pictures import triptych
-from viewer.quality import beyond_resampling, thickness, wrong_regions
+from viewer.quality import beyond_resampling, wrong_regions
 from viewer.sampling import random_views
 from viewer.scene import open_scene
 from viewer.technique import Budget

@@ -25,6 +25,7 @@ STAGES = (
     "segmentation",
     "weights",
     "layering",
+    "rehearsal",
     "windows",
     "capture",
     "meshing",

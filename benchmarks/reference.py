@@ -26,9 +26,10 @@ from numpy.typing import NDArray
 
 from mmi.cells import spread
 from mmi.dataset import open_dataset
+from mmi.thickness import thickness
 from viewer.gl import Renderer
 from viewer.pictures import save_picture, triptych
-from viewer.quality import ViewErrors, WrongRegions, beyond_resampling, psnr, thickness, view_errors
+from viewer.quality import ViewErrors, WrongRegions, beyond_resampling, psnr, view_errors
 from viewer.scene import Scene, open_scene
 from viewer.technique import Budget
 from viewer.techniques import cell_cache, make_technique

@@ -11,7 +11,7 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import networkx as nx
@@ -29,6 +29,7 @@ from mmi.parallax import critical_zone_weights
 from mmi.parameters import BuildParameters
 from mmi.parts import covered_parts
 from mmi.ray_parallax import same_ray_weights, self_parallax
+from mmi.rehearsal import rehearse
 from mmi.sectors import Walls, layer_views, walls_of
 from mmi.segmentation import near_by_distance, near_by_parallax, near_by_slope, near_by_triangles
 from mmi.selection import Extractor, Selection, chain, everything
@@ -56,6 +57,10 @@ _FINEST_QUAD = 8
 """Texels: rays this close to each other count as one, since a mesh connects them."""
 _MESH_SHARE = 0.5
 """Of the threshold: what a mesh may displace where depth does not jump."""
+_RASTER = 1.0
+"""Pixels that regions may be thicker than the threshold when rehearsed, which is done with the texels' raster."""
+_REHEARSED = 10.0
+"""Pixels of the rehearsed pictures that a threshold is at most; what is less counts display pixels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,7 +102,8 @@ class CellPlan:
     ``pairs`` (m, 2) are indices into the city's objects of far objects that can overlap in the image, ``weights`` (m,)
     their weights in radians (landmark factors not applied); ``parallax`` (n,) is the self-parallax of the selection's far
     objects, where weights bound the error; ``graph`` is the graph of visibility events above the threshold; ``layers``
-    are its colours: arrays of object indices.
+    are its colours: arrays of object indices; ``missed`` is how thick a region they may miss together, in pixels, where that
+    is bounded (:mod:`mmi.rehearsal`).
     """
 
     selection: Selection
@@ -106,6 +112,7 @@ class CellPlan:
     parallax: NDArray[np.float64] | None
     graph: nx.Graph
     layers: tuple[NDArray[np.int64], ...]
+    missed: float | None
 
 
 def landmark_factors(city: City, parameters: BuildParameters) -> dict[int, float]:
@@ -181,7 +188,41 @@ def plan_cell(
             [one.top for one in objects],
         )
         layers = assign_layers(graph, boxes, strategy=parameters.layering)
-    return CellPlan(selection, far[pairs], weights, parallax, graph, layers)
+    plan = CellPlan(selection, far[pairs], weights, parallax, graph, layers, None)
+    if not parameters.bounded:
+        return plan
+    with watch.stage("rehearsal"):
+        return _rehearsed(scene, plan)
+
+
+def _rehearsed(scene: Scene, plan: CellPlan) -> CellPlan:
+    """The plan without far objects of which the layers together would miss too much: they stay geometry."""
+    parameters, selection = scene.parameters, plan.selection
+    coarse = max(parameters.max_error_px / _REHEARSED, 1.0)
+    width, height = parameters.camera.border_pixel
+    found = rehearse(
+        selection.cell,
+        scene.walls,
+        selection.objects,
+        plan.layers,
+        selection.sight,
+        pixel=(coarse * width, coarse * height),
+        limit=(parameters.max_error_px + _RASTER) / coarse,
+    )
+    demoted, missed = found.demoted, coarse * found.thickness
+    graph = plan.graph.copy()
+    graph.remove_nodes_from(demoted.tolist())
+    far, pairs = ~np.isin(selection.far, demoted), ~np.isin(plan.pairs, demoted).any(axis=1)
+    layers = (np.setdiff1d(layer, demoted, assume_unique=True) for layer in plan.layers)
+    return CellPlan(
+        replace(selection, near=np.concatenate([selection.near, demoted])),
+        plan.pairs[pairs],
+        plan.weights[pairs],
+        None if plan.parallax is None else plan.parallax[far],
+        graph,
+        tuple(layer for layer in layers if layer.size),
+        missed,
+    )
 
 
 def capture_layers(

@@ -45,6 +45,12 @@ class Camera:
         """The whole picture as a window of the image plane: (left, top, width, height), the principal point in its middle."""
         return (-(self.width // 2), -(self.height // 2), self.width, self.height)
 
+    @property
+    def border_pixel(self) -> tuple[float, float]:
+        """What a pixel subtends at the left or right border: radians of azimuth, and slope. Elsewhere it is more."""
+        aside = math.cos(0.5 * self.fov)
+        return aside * aside / self.focal, aside / self.focal
+
     def angle_from_pixels(self, pixels: float) -> float:
         """Radians that ``pixels`` subtend at the centre of the picture."""
         return math.atan(pixels / self.focal)

@@ -136,6 +136,7 @@ def write_cell(
         "bytes": sum(file["bytes"] for file in files.values()),
         "promised_error_px": scene.parameters.max_error_px if scene.parameters.bounded else None,
         "largest_weight_px": _largest_weight_px(scene, plan),
+        "missed_px": plan.missed,
         "displacement_px": scene.parameters.camera.pixels_from_angle(min(displaced, 1.5)),
         "files": files,
     }

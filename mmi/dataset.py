@@ -39,7 +39,7 @@ __all__ = [
     "with_checksum",
 ]
 
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 _PROGRAM = "build-impostors"
 _TEMPORARY = ".part"
 

@@ -20,7 +20,7 @@ from mmi.horizon import BINS
 from mmi.sectors import Walls
 from mmi.selection import Sight
 
-__all__ = ["Outlook", "outlook_of"]
+__all__ = ["Outlook", "around", "outlook_of"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,9 +61,7 @@ def outlook_of(cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], sigh
     if bins == BINS:  # of more viewpoints than bins, some share a bin with the next
         one = np.uint64(1)
         bits = bits | (bits << one | bits >> np.uint64(BINS - 1)) | (bits >> one | bits << np.uint64(BINS - 1))
-    viewpoints = _around(corners, np.arange(2 * bins) / (2 * bins))
-    for corner in corners:
-        viewpoints[np.argmin(np.hypot(*(viewpoints - corner).T))] = corner
+    viewpoints = around(corners, 2 * bins)
     whence = _whence(a, b, np.where(low < top, bits, np.uint64(0)), bins, corners, viewpoints)
     rise = 0.5 * (cell.eye[1] - cell.eye[0])
     ends = (bottom > -rise) | (top < rise)
@@ -83,12 +81,14 @@ def outlook_of(cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], sigh
     )
 
 
-def _around(corners: NDArray[np.float64], fractions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points at ``fractions`` (k,) of the way around the rectangle of ``corners`` (4, 2), from its first corner."""
+def around(corners: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """(count, 2) points at equal distances around the rectangle of ``corners`` (4, 2), moved so that these are among them."""
     outline = shapely.linearrings(corners)
-    return np.asarray(
-        shapely.get_coordinates(shapely.line_interpolate_point(outline, fractions, normalized=True)), dtype=np.float64
-    )
+    spaced = shapely.line_interpolate_point(outline, np.arange(count) / count, normalized=True)
+    points = np.asarray(shapely.get_coordinates(spaced), dtype=np.float64)
+    for corner in corners:
+        points[np.argmin(np.hypot(*(points - corner).T))] = corner
+    return points
 
 
 @njit(cache=True, error_model="numpy")

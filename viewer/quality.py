@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import flip_evaluator  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 from skimage.metrics import structural_similarity
 
+from mmi.thickness import thickness
 from viewer.frame import Frame
 
 __all__ = [
@@ -26,7 +26,6 @@ __all__ = [
     "pop",
     "psnr",
     "ssim",
-    "thickness",
     "view_errors",
     "wrong_regions",
 ]
@@ -141,25 +140,6 @@ def beyond_resampling(truth: Frame, shown: Frame) -> WrongRegions:
     assert truth.object_ids is not None and shown.object_ids is not None
     forgiven = _around(truth.object_ids, shown.object_ids) & _around(shown.object_ids, truth.object_ids)
     return WrongRegions(regions.wrong & ~forgiven, regions.holes & ~forgiven)
-
-
-def thickness(region: NDArray[np.bool_]) -> float:
-    """Diameter in pixels of the largest disc inside ``region`` (h, w), pixels taken as unit squares; 0 where it is empty.
-
-    Discs are centred on pixel centres, edges and corners, so that a strip n pixels wide is n thick for even n as well. What
-    the border of the picture cuts off counts as far as it is seen. A slanted strip or a disc, made of the pixels whose
-    centres it covers, has steps for an edge, and is as thick as what fits between the steps: up to 2 px less.
-    """
-    if not region.any():
-        return 0.0
-    padded = np.pad(region, 1)
-    # Centres, edges and corners of all pixels on a lattice of half pixels: inside where all pixels around are.
-    lattice = np.zeros((2 * region.shape[0] + 1, 2 * region.shape[1] + 1), dtype=bool)
-    lattice[1::2, 1::2] = region
-    lattice[0::2, 1::2] = padded[:-1, 1:-1] & padded[1:, 1:-1]
-    lattice[1::2, 0::2] = padded[1:-1, :-1] & padded[1:-1, 1:]
-    lattice[0::2, 0::2] = padded[:-1, :-1] & padded[1:, :-1] & padded[:-1, 1:] & padded[1:, 1:]
-    return float(distance_transform_edt(lattice).max())
 
 
 def pop(before_shown: Frame, after_shown: Frame, before_truth: Frame, after_truth: Frame) -> float:

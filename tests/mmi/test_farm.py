@@ -16,7 +16,7 @@ from cities import block, crossroads
 from mmi.camera import Camera
 from mmi.cellfiles import read_impostor, stored_cell
 from mmi.city import City
-from mmi.dataset import open_dataset
+from mmi.dataset import FORMAT_VERSION, open_dataset
 from mmi.errors import DatasetError, ParameterError
 from mmi.farm import build_dataset, cells_to_build
 from mmi.parameters import BuildParameters
@@ -203,7 +203,7 @@ def test_a_second_build_in_the_same_folder_is_refused(tmp_path):
         (b'{"format_version": 99}', "99"),
         (b'{"format_version": 1}', "build it again"),
         (b'{"format_version": 2}', "build it again"),
-        (b'{"format_version": 4}', "checksum"),
+        (b'{"format_version": %d}' % FORMAT_VERSION, "checksum"),
     ],
 )
 def test_a_damaged_manifest_is_refused(tmp_path, data, message):

@@ -99,6 +99,7 @@ def test_no_field_takes_any_value(documents, name):
                 if wrong is None and key in (
                     "near_triangles",
                     "promised_error_px",
+                    "missed_px",
                     "max_layers",
                     "max_triangles",
                     "max_bytes",

@@ -2,10 +2,10 @@
 
 Cities made to break it are planned, captured and meshed, and views anywhere in the cell are drawn twice without OpenGL: rays
 through pixel centres cast at the true prisms; and at the near objects' prisms and the triangles of the layers, where coverage,
-object and captured depth are those of the nearest texel. The nearest hit wins, a mesh's by its own depth.
+object and captured depth are those of the nearest texel. The nearest hit wins, a mesh's by its captured depth.
 
-What the project's renderer does otherwise: it filters coverage, half a texel on either side of a silhouette. Ordering what the
-layers show by captured depth instead made no difference to any of these cities.
+What the project's renderer does otherwise: it filters coverage, half a texel on either side of a silhouette, and orders by
+captured depth only where that may make a difference (:mod:`viewer.ordering`).
 """
 
 import math
@@ -23,7 +23,7 @@ from mmi.camera import Camera, level_view
 from mmi.capture import Capturer
 from mmi.city import CityObject, Prism
 from mmi.parameters import BuildParameters
-from viewer.quality import thickness
+from mmi.thickness import thickness
 
 CAMERA = Camera(256, 256, math.radians(60.0))
 
@@ -64,8 +64,6 @@ def _draw(corners, capture, turned, shift, focal, depth, ids, plane, best, shown
                 if sa < 0.0 or sb < 0.0 or sc < 0.0 or sa + sb + sc <= 0.0:
                     continue
                 t = 1.0 / (sa + sb + sc)
-                if t >= best[j, i]:
-                    continue
                 px = (sa * capture[k, 0, 0] + sb * capture[k, 1, 0] + sc * capture[k, 2, 0]) * t
                 py = (sa * capture[k, 0, 1] + sb * capture[k, 1, 1] + sc * capture[k, 2, 1]) * t
                 pz = (sa * capture[k, 0, 2] + sb * capture[k, 1, 2] + sc * capture[k, 2, 2]) * t
@@ -78,7 +76,9 @@ def _draw(corners, capture, turned, shift, focal, depth, ids, plane, best, shown
                 x = turned[0, 0] * qx + turned[0, 1] * qy + turned[0, 2] * qz + shift[0]
                 y = turned[1, 0] * qx + turned[1, 1] * qy + turned[1, 2] * qz + shift[1]
                 z = turned[2, 0] * qx + turned[2, 1] * qy + turned[2, 2] * qz + shift[2]
-                best[j, i], shown[j, i] = t, ids[row, column]
+                if -z >= best[j, i]:
+                    continue
+                best[j, i], shown[j, i] = -z, ids[row, column]
                 ex, ey, ez = dy * z + y, -x - dx * z, dx * y - dy * x
                 moved[j, i] = math.atan2(math.sqrt(ex * ex + ey * ey + ez * ez), dx * x + dy * y - z)
 
@@ -270,6 +270,13 @@ def row_houses():
     return city_of(*objects)
 
 
+def row_facing_away():
+    """Houses down the street whose common front the reference just does not see: less than 2 px of each, 14 of all."""
+    return city_of(
+        *(block(f"{i}", 60.0 + 5.0 * i, -10.0 - i % 2, 65.0 + 5.0 * i, 0.05, 30.0 + i % 3) for i in range(60))
+    )
+
+
 def low_roofs():
     """Roofs just below the eyes, and a bridge above them."""
     return city_of(
@@ -337,6 +344,7 @@ CASES = {
     "tower over a roof": tower_over_a_roof,
     "hidden from the middle": hidden_from_the_middle,
     "low roofs": low_roofs,
+    "row facing away": row_facing_away,
     "prisms 5": lambda: prisms(5),
     "prisms 6": lambda: prisms(6),
 }

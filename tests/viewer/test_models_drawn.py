@@ -19,7 +19,7 @@ from mmi.camera import level_view
 from mmi.capture import Capturer
 from mmi.cells import viewing_cells
 from mmi.parameters import BuildParameters
-from viewer.quality import thickness
+from mmi.thickness import thickness
 from viewer.sampling import random_views
 from viewer.tour import tour
 

@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+from mmi.thickness import thickness
 from viewer.frame import Frame
-from viewer.quality import beyond_resampling, flip_map, pop, psnr, ssim, thickness, view_errors, wrong_regions
+from viewer.quality import beyond_resampling, flip_map, pop, psnr, ssim, view_errors, wrong_regions
 
 
 def frame(ids, *, displacement=None, color=None):
