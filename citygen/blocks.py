@@ -32,7 +32,7 @@ def carve_blocks(
     """
     convex = are_convex(areas, bend=0.03)  # what a slight bend costs is a wider pavement
     middles = shapely.line_interpolate_point(network.lines, 0.5, normalized=True)
-    led_into, _ = shapely.STRtree(middles).query(areas, predicate="contains_properly")
+    led_into, _ = shapely.STRtree(middles).query(grow(areas, -_TOUCH), predicate="contains_properly")
     convex[led_into] = False  # a dead end lies inside
     straight = _inset(areas, np.flatnonzero(convex), network, pavement)
     bent = _without_streets(areas, np.flatnonzero(~convex), network, pavement)

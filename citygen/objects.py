@@ -56,13 +56,25 @@ def make_objects(
     What is left to chance in a house depends on ``seed`` and its number alone.
     """
     buildings, base, eaves, tops, tiers = site.buildings, site.base, site.eaves, site.tops, site.first_tier
+    places = range(len(eaves)) if only is None else only
+    plain = [i for i in places if details[i] == 0]
+    upper_plain = [(i, k) for i in plain for k in range(tiers[i], tiers[i + 1])]
+    prisms = iter(
+        Prism.each(
+            [*(buildings.footprints[i] for i in plain), *(buildings.tiers[k] for _, k in upper_plain)],
+            [*(base[i] for i in plain), *(base[i] for i, _ in upper_plain)],
+            [*(eaves[i] for i in plain), *(tops[k] for _, k in upper_plain)],
+        )
+    )
+    solids = {i: [prism] for i, prism in zip(plain, prisms, strict=False)}
+    for (i, _), prism in zip(upper_plain, prisms, strict=True):
+        solids[i].append(prism)
     objects: list[CityObject] = []
-    for i in range(len(eaves)) if only is None else only:
+    for i in places:
         name, footprint = f"building/{first + i}", buildings.footprints[i]
         upper = range(tiers[i], tiers[i + 1])
         if details[i] == 0:
-            tiered = (Prism(buildings.tiers[k], base[i], tops[k]) for k in upper)
-            objects.append(CityObject(name, (Prism(footprint, base[i], eaves[i]), *tiered)))
+            objects.append(CityObject(name, tuple(solids[i])))
             continue
         style, roof = str(buildings.styles[i]), str(buildings.roofs[i])
         rng = np.random.default_rng((seed, 4, first + i))

@@ -6,6 +6,7 @@ and nothing here knows about cells or images.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -40,13 +41,41 @@ class Prism:
     top: float
 
     def __post_init__(self) -> None:
-        if not isinstance(self.footprint, Polygon) or self.footprint.is_empty or not self.footprint.is_valid:
-            raise CityError(f"a prism needs a valid non-empty polygon, found {shapely.to_wkt(self.footprint, 2)[:120]}")
-        if not (np.isfinite(self.bottom) and np.isfinite(self.top) and self.bottom < self.top):
-            raise CityError(f"a prism needs finite bottom < top, found bottom {self.bottom!r}, top {self.top!r}")
-        # A wall of no length would have no direction.
-        plan = shapely.remove_repeated_points(shapely.force_2d(self.footprint))
-        object.__setattr__(self, "footprint", shapely.orient_polygons(plan))
+        if not isinstance(self.footprint, Polygon):
+            raise CityError(f"a prism needs a polygon, found {self.footprint!r}")
+        (plan,) = _plans([self.footprint], [self.bottom], [self.top])
+        object.__setattr__(self, "footprint", plan)
+
+    @classmethod
+    def each(cls, footprints: Sequence[Polygon], bottoms: Sequence[float], tops: Sequence[float]) -> list[Prism]:
+        """A prism for each footprint (n,), bottom (n,) and top (n,); many at once take a fifth of the time of one by one.
+
+        Raises CityError for the first that is none.
+        """
+        prisms = []
+        for plan, bottom, top in zip(_plans(footprints, bottoms, tops), bottoms, tops, strict=True):
+            prism = object.__new__(cls)
+            for name, value in (("footprint", plan), ("bottom", bottom), ("top", top)):
+                object.__setattr__(prism, name, value)
+            prisms.append(prism)
+        return prisms
+
+
+def _plans(footprints: Sequence[Polygon], bottoms: Sequence[float], tops: Sequence[float]) -> list[Polygon]:
+    """The footprints (n,) of prisms as they should be. Raises CityError for the first that does not make one."""
+    shapes = np.empty(len(footprints), dtype=object)
+    shapes[:] = footprints
+    sound = (shapely.get_type_id(shapes) == 3) & ~shapely.is_empty(shapes) & shapely.is_valid(shapes)
+    if not sound.all():
+        found = shapely.to_wkt(shapes[np.argmin(sound)], 2)
+        raise CityError(f"a prism needs a valid non-empty polygon, found {str(found)[:120]}")
+    low, high = np.asarray(bottoms, dtype=np.float64), np.asarray(tops, dtype=np.float64)
+    upright = np.isfinite(low) & np.isfinite(high) & (low < high)
+    if not upright.all():
+        i = int(np.argmin(upright))
+        raise CityError(f"a prism needs finite bottom < top, found bottom {bottoms[i]!r}, top {tops[i]!r}")
+    # A wall of no length would have no direction.
+    return list(shapely.orient_polygons(shapely.remove_repeated_points(shapely.force_2d(shapes))))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
