@@ -59,8 +59,10 @@ _MESH_SHARE = 0.5
 """Of the threshold: what a mesh may displace where depth does not jump."""
 _RASTER = 1.0
 """Pixels that regions may be thicker than the threshold when rehearsed, which is done with the texels' raster."""
-_REHEARSED = 10.0
-"""Pixels of the rehearsed pictures that a threshold is at most; what is less counts display pixels."""
+_COLUMNS = 8000
+"""Of the rehearsed pictures around; larger displays are rehearsed with larger pixels, but ..."""
+_FEWEST, _MOST = 4.0, 10.0
+"""... a threshold is at least and at most so many of these, unless they are those of the display."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,8 +200,9 @@ def plan_cell(
 def _rehearsed(scene: Scene, plan: CellPlan) -> CellPlan:
     """The plan without far objects of which the layers together would miss too much: they stay geometry."""
     parameters, selection = scene.parameters, plan.selection
-    coarse = max(parameters.max_error_px / _REHEARSED, 1.0)
     width, height = parameters.camera.border_pixel
+    finest = min(2.0 * math.pi / (_COLUMNS * width), parameters.max_error_px / _FEWEST)
+    coarse = max(finest, parameters.max_error_px / _MOST, 1.0)
     found = rehearse(
         selection.cell,
         scene.walls,

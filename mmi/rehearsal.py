@@ -340,8 +340,10 @@ def _look(
                         state[r] = _OTHER if there else _MISSED
             for r in range(first, end):
                 if state[r] != _OTHER:
-                    if spans[c, 1] == 0:
-                        missed[c] = -1
-                        spans[c, 0] = r
+                    low, high = spans[c]
+                    if low == high:
+                        low, high = r, r
+                    missed[c, high:r] = -1
+                    missed[c, r + 1 : low] = -1
                     missed[c, r] = owner[w]
-                    spans[c, 0], spans[c, 1] = min(spans[c, 0], r), max(spans[c, 1], r + 1)
+                    spans[c, 0], spans[c, 1] = min(low, r), max(high, r + 1)
