@@ -5,8 +5,12 @@
 
 Only what the bound is about is measured (no FLIP, PSNR or SSIM, which take most of the time of compare-impostors): by the
 threshold T of each dataset, the views whose thickest wrong region exceeds T + 2 px (two for the rasters of texture and
-view), the same after allowing for a pixel of resampling, and the largest displacement. With --worst DIR, pictures of the
-worst views.
+view), and the largest displacement. With --worst DIR, pictures of the worst views.
+
+Where rows of houses are a pixel wide each, both rasters may pick another house in every pixel, and the region is as thick as
+the row is long. So what exceeds T + 2 px is looked at again, at four times the resolution: a wrong pixel is forgiven where the
+geometry then shows within a pixel what the technique has, and the technique what the geometry has. *Beyond a pixel* are the
+views that exceed T + 2 px nevertheless.
 """
 
 from __future__ import annotations
@@ -14,20 +18,28 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
+from mmi.camera import View
 from mmi.dataset import open_dataset
-from mmi.thickness import thickness
+from mmi.thickness import largest_disc, thickness
+from viewer.frame import Frame
 from viewer.gl import Renderer
 from viewer.pictures import triptych
-from viewer.quality import beyond_resampling, wrong_regions
+from viewer.quality import wrong_regions
 from viewer.sampling import random_views
 from viewer.scene import open_scene
 from viewer.technique import Budget
 from viewer.techniques import cell_cache, make_technique
+
+_FINER = 4
+"""Times as many pixels a side, where a view is looked at again."""
 
 
 def measure(folder: Path, views: int, seed: int, worst: Path | None, keep: int) -> str:
@@ -35,28 +47,32 @@ def measure(folder: Path, views: int, seed: int, worst: Path | None, keep: int) 
     dataset = open_dataset(folder)
     scene = open_scene(dataset, name="multi-mesh")
     camera, scenes = scene.camera, {"multi-mesh": scene}
+    limit = scene.parameters.max_error_px + 2.0
     found = []
     with (
         Renderer(scene.mesh, scene.ground, size=(camera.width, camera.height), measured=True, samples=0) as renderer,
         cell_cache(scenes, renderer, measured=True, capacity=256 << 20) as cache,
     ):
         full, multi = make_technique("full", scenes), make_technique("multi-mesh", scenes)
-        for number, (cell, pose) in enumerate(
-            random_views(scene.whereabouts.cells, views, seed=seed, terrain=scene.terrain)
-        ):
-            view = pose.view(camera)
+
+        def draw(view: View) -> tuple[Frame, Frame]:
             truth = renderer.draw(full.plan(view, now=0.0, budget=Budget()), view, measured=True)
             plan = multi.plan(view, now=0.0, budget=Budget())
             cache.want(plan.cells)
             cache.require(plan.cells)
-            shown = renderer.draw(plan, view, measured=True)
+            return truth, renderer.draw(plan, view, measured=True)
+
+        for number, (cell, pose) in enumerate(
+            random_views(scene.whereabouts.cells, views, seed=seed, terrain=scene.terrain)
+        ):
+            view = pose.view(camera)
+            truth, shown = draw(view)
             regions = wrong_regions(truth, shown)
             angles = shown.displacement[np.isfinite(shown.displacement)].astype(np.float64)
             displaced = camera.focal * math.tan(min(float(angles.max(initial=0.0)), 1.5))
             thick = thickness(regions.wrong)
-            found.append(
-                (thick, thickness(beyond_resampling(truth, shown).wrong), displaced, float(regions.wrong.mean()))
-            )
+            beyond = thick if thick <= limit else _beyond_a_pixel(draw, view, (truth, shown), limit)
+            found.append((thick, beyond, displaced, float(regions.wrong.mean())))
             if worst is not None and (thick, number) >= sorted([(f[0], i) for i, f in enumerate(found)])[-keep:][0]:
                 worst.mkdir(parents=True, exist_ok=True)
                 name = worst / f"{folder.name}-{thick:05.1f}-{number}-{cell}.png"
@@ -66,8 +82,7 @@ def measure(folder: Path, views: int, seed: int, worst: Path | None, keep: int) 
     if worst is not None:
         for name in sorted(worst.glob(f"{folder.name}-*.png"))[:-keep]:
             name.unlink()
-    limit = scene.parameters.max_error_px + 2.0
-    thick, forgiven, displaced, wrong = np.array(found).T
+    thick, beyond, displaced, wrong = np.array(found).T
     cells = [scene.dataset.cell(cell.id) for cell in scene.whereabouts.cells]
     mean = {key: np.mean([entry[key] for entry in cells]) for key in ("near_triangles", "triangles", "texels", "bytes")}
     near = np.mean([len(entry["near"]) for entry in cells])
@@ -75,12 +90,45 @@ def measure(folder: Path, views: int, seed: int, worst: Path | None, keep: int) 
     return (
         f"| {folder.name} | {limit - 2.0:g} | {views} | {100.0 * wrong.mean():.3f} | "
         f"{np.percentile(thick, 50):.0f} / {np.percentile(thick, 99):.0f} / {thick.max():.0f} | "
-        f"{np.count_nonzero(thick > limit)} | {forgiven.max():.0f} | {np.count_nonzero(forgiven > limit)} | "
+        f"{np.count_nonzero(thick > limit)} | {np.count_nonzero(beyond > limit)} | "
         f"{np.percentile(displaced, 50):.1f} / {np.percentile(displaced, 99):.1f} / {displaced.max():.1f} | "
         f"{np.count_nonzero(displaced > limit - 2.0)} | "
         f"{near:.1f} | {mean['near_triangles']:.0f} | {layers:.1f} | {mean['triangles']:.0f} | {mean['texels'] / 1e3:.0f}k | "
         f"{mean['bytes'] / 1e3:.0f} kB |"
     )
+
+
+def _beyond_a_pixel(
+    draw: Callable[[View], tuple[Frame, Frame]], view: View, frames: tuple[Frame, Frame], limit: float
+) -> float:
+    """Thickness of what is wrong in a view whatever a pixel around shows, or some thickness up to ``limit``."""
+    truth, shown = (ids for frame in frames if (ids := frame.object_ids) is not None)
+    wrong = truth != shown
+    left, top, width, height = view.window
+    wide, high = width // _FINER, height // _FINER
+    while True:
+        thick, (row, column) = largest_disc(wrong)
+        if thick <= limit:
+            return thick
+        x, y = (min(max(int(at) - n // 2, 0), size - n) for at, n, size in ((column, wide, width), (row, high, height)))
+        window = ((left + x) * _FINER, (top + y) * _FINER, width, height)
+        part = np.s_[y : y + high, x : x + wide]
+        fine = [frame.object_ids for frame in draw(View(view.eye_from_world, _FINER * view.focal, window))]
+        assert fine[0] is not None and fine[1] is not None
+        forgiven = _occurs(shown[part], fine[0]) & _occurs(truth[part], fine[1])
+        wrong[part] &= ~forgiven
+        if thickness(wrong[part]) > limit:
+            return thickness(wrong)
+
+
+def _occurs(ids: NDArray[np.int32], fine: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """(h, w): whether each of ``ids`` is in ``fine``, of _FINER times as many pixels a side, within a pixel of its place."""
+    h, w = ids.shape
+    around = np.pad(fine, _FINER, constant_values=np.iinfo(np.int32).min)
+    found = np.zeros(ids.shape, dtype=bool)
+    for j, i in product(range(3 * _FINER), repeat=2):
+        found |= around[j : j + h * _FINER : _FINER, i : i + w * _FINER : _FINER] == ids
+    return found
 
 
 def main() -> None:
@@ -92,10 +140,10 @@ def main() -> None:
     parser.add_argument("--keep", type=int, default=6, help="pictures a dataset (default: %(default)s)")
     options = parser.parse_args()
     print(
-        "| dataset | T px | views | wrong % | thickness px p50 / p99 / max | above T + 2 | resampled max | above T + 2 | "
+        "| dataset | T px | views | wrong % | thickness px p50 / p99 / max | above T + 2 | beyond a pixel | "
         "displacement px p50 / p99 / max | above T | near | near triangles | layers | triangles | texels | bytes a cell |"
     )
-    print("|" + "---|" * 16)
+    print("|" + "---|" * 15)
     for folder in options.datasets:
         print(measure(folder, options.views, options.seed, options.worst, options.keep), flush=True)
 
