@@ -59,10 +59,10 @@ _MESH_SHARE = 0.5
 """Of the threshold: what a mesh may displace where depth does not jump."""
 _RASTER = 1.0
 """Pixels that regions may be thicker than the threshold when rehearsed, which is done with the texels' raster."""
-_COLUMNS = 8000
-"""Of the rehearsed pictures around; larger displays are rehearsed with larger pixels, but ..."""
-_FEWEST, _MOST = 4.0, 10.0
-"""... a threshold is at least and at most so many of these, unless they are those of the display."""
+_COLUMNS = 30_000
+"""Of rehearsed pictures, around the cell, at most."""
+_REHEARSED = 10.0
+"""Pixels of rehearsed pictures that a threshold is at most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,11 +198,11 @@ def plan_cell(
 
 
 def _rehearsed(scene: Scene, plan: CellPlan) -> CellPlan:
-    """The plan without far objects of which the layers together would miss too much: they stay geometry."""
+    """The plan with those far objects made near of which its layers together would miss too much."""
     parameters, selection = scene.parameters, plan.selection
     width, height = parameters.camera.border_pixel
-    finest = min(2.0 * math.pi / (_COLUMNS * width), parameters.max_error_px / _FEWEST)
-    coarse = max(finest, parameters.max_error_px / _MOST, 1.0)
+    # Display pixels that are one here.
+    coarse = max(parameters.max_error_px / _REHEARSED, 2.0 * math.pi / (_COLUMNS * width), 1.0)
     found = rehearse(
         selection.cell,
         scene.walls,

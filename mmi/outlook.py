@@ -20,7 +20,10 @@ from mmi.horizon import BINS
 from mmi.sectors import Walls
 from mmi.selection import Sight
 
-__all__ = ["Outlook", "around", "outlook_of"]
+__all__ = ["VIEWPOINTS", "Outlook", "around", "outlook_of", "seen_from"]
+
+VIEWPOINTS = 64
+"""Around a cell, at least."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,11 +61,9 @@ def outlook_of(cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], sigh
     bins = BINS if sight is None else sight.bins
     bits = np.full(len(index), 2**64 - 1, dtype=np.uint64) if sight is None else sight.bits[index]
     low = bottom.copy() if sight is None else np.maximum(bottom, sight.lowest[index] - eye)
-    if bins == BINS:  # of more viewpoints than bins, some share a bin with the next
-        one = np.uint64(1)
-        bits = bits | (bits << one | bits >> np.uint64(BINS - 1)) | (bits >> one | bits << np.uint64(BINS - 1))
-    viewpoints = around(corners, 2 * bins)
-    whence = _whence(a, b, np.where(low < top, bits, np.uint64(0)), bins, corners, viewpoints)
+    seen = seen_from(bits, bins)
+    viewpoints = around(corners, seen.shape[1])
+    whence = _whence(a, b, seen & (low < top)[:, None], corners, viewpoints)
     rise = 0.5 * (cell.eye[1] - cell.eye[0])
     ends = (bottom > -rise) | (top < rise)
     whence[ends], low[ends] = True, bottom[ends]
@@ -82,27 +83,42 @@ def outlook_of(cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], sigh
 
 
 def around(corners: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """(count, 2) points at equal distances around the rectangle of ``corners`` (4, 2), moved so that these are among them."""
+    """(count, 2) points at equal distances around the rectangle of ``corners`` (4, 2), four moved to these; ``count`` >= 4."""
     outline = shapely.linearrings(corners)
     spaced = shapely.line_interpolate_point(outline, np.arange(count) / count, normalized=True)
     points = np.asarray(shapely.get_coordinates(spaced), dtype=np.float64)
-    for corner in corners:
-        points[np.argmin(np.hypot(*(points - corner).T))] = corner
+    sides = np.hypot(*np.diff(np.vstack([corners, corners[:1]]), axis=0).T)
+    places = np.rint(count * np.cumsum([0.0, *sides[:3]]) / sides.sum()).astype(np.int64)
+    for i in (1, 2, 3):  # no two in one place, the last before the first
+        places[i] = min(max(places[i], places[i - 1] + 1), count - 4 + i)
+    points[places] = corners
     return points
+
+
+def seen_from(bits: NDArray[np.uint64], bins: int) -> NDArray[np.bool_]:
+    """(w, p): from which viewpoints :func:`around` the cell walls may be seen, by their ``bits`` (w,): as many for each bin.
+
+    A viewpoint where a bin begins counts for the one that ends there, too. p is at least ``VIEWPOINTS``.
+    """
+    each = max(2, math.ceil(VIEWPOINTS / bins))
+    seen = (bits[:, None] >> np.arange(bins, dtype=np.uint64) & np.uint64(1)).astype(np.bool_)
+    if bins == BINS:  # of more viewpoints than bins, some share a bin with the next
+        seen = seen | np.roll(seen, 1, axis=1) | np.roll(seen, -1, axis=1)
+    at = np.repeat(seen, each, axis=1)
+    at[:, ::each] |= np.roll(seen, 1, axis=1)
+    return at
 
 
 @njit(cache=True, error_model="numpy")
 def _whence(
     a: NDArray[np.float64],
     b: NDArray[np.float64],
-    bits: NDArray[np.uint64],
-    bins: int,
+    visible: NDArray[np.bool_],
     corners: NDArray[np.float64],
     viewpoints: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """(w, p): the viewpoints in a wall's bins that it faces, and those where lines of sight from them leave the cell.
-
-    Viewpoint 2 i begins bin i, 2 i + 1 is its middle.
+    """(w, p): the viewpoints from which a wall is ``visible`` (w, p) and that it faces, and those where these lines of sight
+    leave the cell.
     """
     p = len(viewpoints)
     length, width = corners[1] - corners[0], corners[2] - corners[1]
@@ -112,16 +128,11 @@ def _whence(
     whence = np.zeros((len(a), p), dtype=np.bool_)
     seen, left = np.empty(p, dtype=np.bool_), np.empty(p, dtype=np.bool_)
     for w in range(len(a)):
-        if bits[w] == 0:
-            continue
         ex, ey = b[w, 0] - a[w, 0], b[w, 1] - a[w, 1]
-        seen[:] = False
-        for i in range(bins):
-            if bits[w] >> np.uint64(i) & np.uint64(1):
-                for k in (2 * i, 2 * i + 1, (2 * i + 2) % p):
-                    # The middle of a bin stands for it all: what faces its ends only may not face it.
-                    x, y = a[w, 0] - viewpoints[k, 0], a[w, 1] - viewpoints[k, 1]
-                    seen[k] = seen[k] or x * ey - y * ex <= 0.0
+        for k in range(p):
+            # The middle of a bin stands for it all: what faces its ends only may not face it.
+            x, y = a[w, 0] - viewpoints[k, 0], a[w, 1] - viewpoints[k, 1]
+            seen[k] = visible[w, k] and x * ey - y * ex <= 0.0
         left[:] = seen
         for k in range(p):
             if not seen[k]:

@@ -14,8 +14,8 @@ any two points of two objects counts (the paper's weight, :mod:`mmi.parallax`), 
 X counts only as far as it may be seen at all, and only for viewpoints that may see it (between two objects, it or what is in
 front of it: the mesh stretches between both): :class:`mmi.selection.Sight` says what of a wall is visible from which part of
 the cell (:mod:`mmi.outlook`). Rays meet two surfaces at a range of slopes (height over distance). The angle is taken at the
-slope of this range that is closest to level, where moving sideways parts them most, and at both ends, where walking towards
-them does.
+slope of this range that is closest to level, where moving sideways parts them most, and where walking towards them does: at
+both ends, and where the difference of the two elevations is largest.
 """
 
 from __future__ import annotations
@@ -109,7 +109,8 @@ def same_ray_weights(
 def _widest(
     near: float,
     far: float,
-    slope: float,
+    lowest: float,
+    highest: float,
     along: NDArray[np.float64],
     aside: NDArray[np.float64],
     whence: NDArray[np.bool_],
@@ -117,19 +118,24 @@ def _widest(
 ) -> float:
     """Largest square of the chord between the directions to two points of a ray, over the viewpoints of ``whence`` (p,).
 
-    The points are ``near`` and ``far`` metres away (horizontally) on the ray of that slope; the viewpoints are ``along`` and
-    ``aside`` (p,) metres from the reference, along the ray and to its side. ``rise`` metres more or less of height add what
-    they turn the two directions by.
+    The points are ``near`` and ``far`` metres away (horizontally) on rays of slopes from ``lowest`` to ``highest``; the
+    viewpoints are ``along`` and ``aside`` (p,) metres from the reference, along the ray and to its side. ``rise`` metres more
+    or less of height add what they turn the two directions by.
     """
     most = 0.0
+    level = _level(lowest, highest)
     for k in range(len(whence)):
         if not whence[k]:
             continue
         x1, x2, y = near - along[k], far - along[k], aside[k]
-        z1, z2 = slope * near, slope * far
-        n1, n2 = 1.0 / math.sqrt(x1 * x1 + y * y + z1 * z1), 1.0 / math.sqrt(x2 * x2 + y * y + z2 * z2)
-        dx, dy, dz = x1 * n1 - x2 * n2, y * (n1 - n2), abs(z1 * n1 - z2 * n2) + rise * abs(n1 - n2)
-        most = max(most, dx * dx + dy * dy + dz * dz)
+        r1, r2 = x1 * x1 + y * y, x2 * x2 + y * y
+        # Elevations part most where d/ds (atan(near s / r1) - atan(far s / r2)) = 0.
+        steep = math.sqrt(math.sqrt(r1 * r2) / (near * far))
+        for slope in (lowest, level, highest, min(max(steep, lowest), highest)):
+            z1, z2 = slope * near, slope * far
+            n1, n2 = 1.0 / math.sqrt(r1 + z1 * z1), 1.0 / math.sqrt(r2 + z2 * z2)
+            dx, dy, dz = x1 * n1 - x2 * n2, y * (n1 - n2), abs(z1 * n1 - z2 * n2) + rise * abs(n1 - n2)
+            most = max(most, dx * dx + dy * dy + dz * dz)
     return most
 
 
@@ -252,7 +258,7 @@ def _self_parallax(
                     if ends[back]:  # how far its roof or underside runs within a texel
                         level = bottom[back] if bottom[back] > -rise else top[back]
                         near = max(far - far * far * texels[back] / max(abs(level), 1e-6), hits[:count].min())
-                        most = max(most, _widest(near, far, level / far, along, aside, whence[back], rise))
+                        most = max(most, _widest(near, far, level / far, level / far, along, aside, whence[back], rise))
                     for j in range(count):
                         front, near = walls[j], hits[j]
                         facing = a[front, 0] * b[front, 1] - a[front, 1] * b[front, 0] < 0.0
@@ -262,8 +268,7 @@ def _self_parallax(
                         highest = min(top[front] / near, top[back] / far)
                         if lowest > highest:
                             continue
-                        for slope in (lowest, _level(lowest, highest), highest):
-                            most = max(most, _widest(near, far, slope, along, aside, whence[back], rise))
+                        most = max(most, _widest(near, far, lowest, highest, along, aside, whence[back], rise))
         parallax[one] = _angle(most)
     return parallax
 
@@ -387,7 +392,6 @@ def _pair_weights(
                     continue
                 for k in range(p):
                     either[k] = whence[w, k] or whence[closest[column, i], k]
-                for slope in (from_slope, _level(from_slope, to_slope), to_slope):
-                    chord = _widest(near, far, slope, along, aside, either, rise)
-                    chords[i, j] = max(chords[i, j], chord)
+                chord = _widest(near, far, from_slope, to_slope, along, aside, either, rise)
+                chords[i, j] = max(chords[i, j], chord)
     return 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(chords), 1.0))

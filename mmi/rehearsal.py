@@ -6,8 +6,9 @@ than the threshold, or strips of several layers. So each plan is looked at as a 
 
 From a viewpoint M the walls are met column by column of azimuth, front to back, which tells what M sees: a point X of a far
 object, say. X will be there if the layer's picture has it: if the texel that X falls into, seen from the reference viewpoint
-C, shows X's own wall, or its object within a texel of X as M sees it. If not it is missed, and what is missed makes a picture.
-Where its largest disc (:mod:`mmi.thickness`) exceeds the limit, the object that covers most of the disc stays geometry.
+C, shows X's own wall, or its object within a pixel of X as M sees it. If not it is missed, and what is missed makes a picture.
+Walls that face C with nothing of their layer before them are captured anyway, and not looked for. Where the largest disc
+(:mod:`mmi.thickness`) exceeds the limit, the object that covers most of it stays geometry.
 """
 
 from __future__ import annotations
@@ -21,23 +22,23 @@ from numpy.typing import NDArray
 
 from mmi.cells import ViewingCell
 from mmi.horizon import BINS
-from mmi.outlook import around
+from mmi.outlook import around, seen_from
 from mmi.sectors import Walls
 from mmi.selection import Sight
 from mmi.thickness import largest_disc
 
 __all__ = ["Rehearsal", "rehearse"]
 
-_PER_BIN = 2
-"""Viewpoints for each bin in which walls say whence they are seen."""
-_STEEPEST = 4.0
+_STEEPEST = 10.0
 """Slope, up and down: what lies beyond is not looked at."""
 _WRAP = 64
 """Columns that are looked at twice, so that a region across the seam of the panorama is found whole."""
+_CLOSEST = 1e-3
+"""Metres: nothing counts as closer to a viewpoint."""
 _WORTH_KNOWING = 0.75
 """Of the limit: regions that are less thick are not measured."""
 _OTHER, _OPEN, _MISSED = 0, 1, 2
-"""Of a pixel of a wall: seen elsewhere or captured, not yet known, missed."""
+"""Of a pixel of a wall: hidden from M or captured, not yet known, missed."""
 
 _Panorama = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]
 
@@ -82,13 +83,12 @@ def rehearse(
     captured = _panorama(a[far], b[far], far, np.ones(columns, dtype=np.bool_))
     behind = _behind(_faces(a, b), captured, layer[owner])
     bins = BINS if sight is None else sight.bins
-    bits = np.full(len(index), 2**64 - 1, dtype=np.uint64) if sight is None else sight.bits[index]
+    seen = seen_from(np.full(len(index), 2**64 - 1, dtype=np.uint64) if sight is None else sight.bits[index], bins)
     demoted: list[int] = []
     thickest = _WORTH_KNOWING * limit
-    for number, viewpoint in enumerate(around(cell.corners - (x, y), _PER_BIN * bins)):
+    for k, viewpoint in enumerate(around(cell.corners - (x, y), seen.shape[1])):
         from_m = a - viewpoint, b - viewpoint
-        seen = bits >> np.uint64(number // _PER_BIN) & np.uint64(1) != 0
-        sought = behind & seen & _faces(*from_m) & (layer[owner] >= 0)
+        sought = behind & seen[:, k] & _faces(*from_m) & (layer[owner] >= 0)
         if not sought.any():
             continue
         met = _panorama(*from_m, np.arange(len(a)), _columns_of(a[sought] - viewpoint, b[sought] - viewpoint, columns))
@@ -161,7 +161,7 @@ def _squares(missed: NDArray[np.int32], spans: NDArray[np.int64], least: int) ->
         for r in range(low, high):
             side = 0
             if missed[c, r] >= 0:
-                side = 1 + min(before[r], before[r + 1], here[r] if r > low else 0)
+                side = 1 + min(before[r], before[r + 1], here[r])
                 if side >= least:
                     if count == len(found):
                         more = np.empty((2 * count, 3), dtype=np.int64)
@@ -205,16 +205,16 @@ def _behind(
 ) -> NDArray[np.bool_]:
     """(n,): walls that their layer's capture may lack: another is in front somewhere, or they face away or lie along a ray."""
     starts, _, walls = captured
-    whole = np.zeros(len(faces), dtype=np.bool_)
+    met = np.zeros(len(faces), dtype=np.bool_)
     behind = ~faces
     for c in range(len(starts) - 1):
         for k in range(starts[c], starts[c + 1]):
             w = walls[k]
-            whole[w] = True
+            met[w] = True
             for before in range(starts[c], k):
                 if layer[walls[before]] == layer[w]:
                     behind[w] = True
-    return behind | ~whole
+    return behind | ~met
 
 
 @njit(cache=True, error_model="numpy")
@@ -254,7 +254,9 @@ def _panorama(
         for k in range(many[w]):
             c = (begin[w] + k) % columns
             if wanted[c]:
-                distances[place[c]], walls[place[c]] = cross / (rays[c, 0] * ey - rays[c, 1] * ex), index[w]
+                distance = cross / (rays[c, 0] * ey - rays[c, 1] * ex)
+                distances[place[c]] = distance if distance > _CLOSEST else _CLOSEST
+                walls[place[c]] = index[w]
                 place[c] += 1
     for c in range(columns):
         for k in range(starts[c] + 1, starts[c + 1]):
@@ -328,16 +330,17 @@ def _look(
                 other, t = captured_walls[k], captured_distances[k]
                 if layer[owner[other]] != mine:
                     continue
-                there = other == w and faces
+                there, lag = other == w and faces, 0.0
                 if not there and owner[other] == owner[w]:
                     px, py = t * rays[texel, 0] - viewpoint[0], t * rays[texel, 1] - viewpoint[1]
                     there = abs(math.atan2(ux * py - uy * px, ux * px + uy * py)) <= turn
+                    lag = abs(1.0 - t / max(scale * row * math.hypot(px, py), _CLOSEST))  # so much of a slope it is off
                 for r in range(
                     max(math.ceil(bottom[other] / t * scale - 0.5) + down, first),
                     min(math.ceil(top[other] / t * scale - 0.5) + down, end),
                 ):
                     if state[r] == _OPEN:
-                        state[r] = _OTHER if there else _MISSED
+                        state[r] = _OTHER if there and lag * abs(r + 0.5 - down) <= 1.0 else _MISSED
             for r in range(first, end):
                 if state[r] != _OTHER:
                     low, high = spans[c]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 from cities import block, cell_along_x, city_of
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numba import njit
 from oracles import viewpoints_within
@@ -173,6 +173,9 @@ SLACK = 0.02
 any height of the eye band."""
 
 
+SHORT = ViewingCell("0000-00", (-4.0, 0.0), (4.0, 0.0), 1.0, (1.5, 1.9))
+
+
 class TestSafety:
     """Nothing that brute force finds exceeds the kernel's value."""
 
@@ -187,6 +190,7 @@ class TestSafety:
 
     @settings(max_examples=30, deadline=None, derandomize=True)
     @given(st.lists(SOLIDS, min_size=1, max_size=6), CELLS)
+    @example([("box", 2.0, 2.0, 0.0, 1.0, 10.0, 15.0, 0.0, 0)], SHORT)  # parts most at a slope of 0.5, from 0 to 1.2
     def test_of_single_objects_as_far_as_they_are_seen(self, solids, cell):
         city = city_from(solids, cell, clearance=CLOSEST)
         rng = np.random.default_rng(2)

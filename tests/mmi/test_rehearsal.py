@@ -16,14 +16,15 @@ from mmi.selection import Sight
 from mmi.thickness import thickness
 
 PIXEL = 0.011
-BINS = 4
-VIEWPOINTS = 2 * BINS
+BINS = 32
+SEEN = 0b1 | 1 << 9 | 1 << 16 | 1 << 25
+"""The bins of viewpoints that count: fewer for the sake of time."""
 CELL = cell_along_x(40.0, 3.0)
 
 
 def rehearsed(city, layers, limit, cell=CELL, pixel=PIXEL):
     walls = walls_of(city)
-    everything = np.full(len(walls.a), -np.inf), np.full(len(walls.a), 2**64 - 1, dtype=np.uint64)
+    everything = np.full(len(walls.a), -np.inf), np.full(len(walls.a), SEEN, dtype=np.uint64)
     sight = Sight(*everything, BINS)
     return rehearse(cell, walls, np.arange(len(city.objects)), layers, sight, pixel=(pixel, pixel), limit=limit)
 
@@ -89,6 +90,7 @@ def missed(city, cell, layers, viewpoint, pixel=PIXEL):
         shown = eye + np.where(met, reach, 1.0)[:, None] * there - from_m
         apart = np.arctan2(shown[:, 1], shown[:, 0]) - np.arctan2(rays[index, 1], rays[index, 0])
         close = np.abs((apart + math.pi) % (2.0 * math.pi) - math.pi) <= turn
+        close &= np.abs(shown[:, 2] / np.hypot(shown[:, 0], shown[:, 1]) - rays[index, 2]) <= pixel
         wall = walls_under(city, points, owner[index])
         same = wall == walls_under(city, shown + from_m, np.where(met, hit, -1))
         lost[index] = behind(city, members, eye[:2], columns)[wall] & ~(met & (close | same))
@@ -101,17 +103,24 @@ def across_the_seam(region):
     return np.roll(region, -int(free[0]), axis=0)
 
 
+def viewpoints_of(cell):
+    """Where walls may be seen from, metres from the reference: two viewpoints in each bin and one where it ends."""
+    points = around(cell.corners - np.array(cell.reference[:2]), 2 * BINS)
+    return [points[(2 * i + k) % len(points)] for i in range(BINS) if SEEN >> i & 1 for k in range(3)]
+
+
 def thickest(city, cell, layers, pixel=PIXEL):
     return max(
-        thickness(across_the_seam(missed(city, cell, layers, viewpoint, pixel)))
-        for viewpoint in around(cell.corners - np.array(cell.reference[:2]), VIEWPOINTS)
+        thickness(across_the_seam(missed(city, cell, layers, viewpoint, pixel))) for viewpoint in viewpoints_of(cell)
     )
 
 
 def tall(seed):
     """A random city of prisms whose roofs nobody sees."""
-    solids = [(*one[:6], max(one[6], 6.0), 0.0, one[8]) for one in solids_from(np.random.default_rng(seed), 12)]
-    return city_from(solids, CELL, clearance=6.0)
+    solids = [
+        (*one[:6], min(max(one[6], 6.0), 25.0), 0.0, one[8]) for one in solids_from(np.random.default_rng(seed), 12)
+    ]
+    return city_from(solids, CELL, clearance=16.0)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -120,7 +129,7 @@ def test_what_is_missed_is_what_rays_tell(seed):
     far = np.arange(len(city.objects))
     layers = (far,) if seed % 2 else (far[::2], far[1::2])
     true = thickest(city, CELL, layers)
-    assert true > 3.0
+    assert true > 2.0
     found = rehearsed(city, layers, 1.2 * true)
     assert found.demoted.size == 0 and found.thickness == true
     found = rehearsed(city, layers, 0.9 * true)
@@ -148,7 +157,7 @@ def test_narrow_strips_side_by_side_are_one_region():
     single = max(
         thickness(across_the_seam(missed(city_of(one), cell, (np.array([0]),), viewpoint, pixel)))
         for one in city.objects
-        for viewpoint in around(cell.corners - np.array(cell.reference[:2]), VIEWPOINTS)
+        for viewpoint in viewpoints_of(cell)
     )
     assert whole > 1.5 * single
     found = rehearsed(city, layers, 1.1 * single, cell, pixel)
