@@ -230,9 +230,9 @@ def _shrink(
         levels += [lowest] * len(parts)
     # Unions leave edges of no length to speak of, which have no direction to mitre.
     outlines = shapely.simplify(np.array(unions, dtype=object), 5e-4)
-    inner, of = shapely.get_parts(
-        shapely.buffer(outlines, -(distance + _TOLERANCE), join_style="mitre"), return_index=True
-    )
+    with np.errstate(divide="ignore", invalid="ignore"):  # GEOS divides by the length of what vanishes
+        shrunken = shapely.buffer(outlines, -(distance + _TOLERANCE), join_style="mitre")
+    inner, of = shapely.get_parts(shrunken, return_index=True)
     polygons, kept = _polygons(shapely.simplify(inner, 0.9 * _TOLERANCE))
     return polygons, heights[np.array(levels, dtype=np.int64)[of[kept]]]
 
