@@ -57,17 +57,14 @@ def make_objects(
     """
     buildings, base, eaves, tops, tiers = site.buildings, site.base, site.eaves, site.tops, site.first_tier
     places = range(len(eaves)) if only is None else only
-    plain = [i for i in places if details[i] == 0]
-    upper_plain = [(i, k) for i in plain for k in range(tiers[i], tiers[i + 1])]
-    prisms = iter(
-        Prism.each(
-            [*(buildings.footprints[i] for i in plain), *(buildings.tiers[k] for _, k in upper_plain)],
-            [*(base[i] for i in plain), *(base[i] for i, _ in upper_plain)],
-            [*(eaves[i] for i in plain), *(tops[k] for _, k in upper_plain)],
-        )
-    )
-    solids = {i: [prism] for i, prism in zip(plain, prisms, strict=False)}
-    for (i, _), prism in zip(upper_plain, prisms, strict=True):
+    parts: list[tuple[int, shapely.Polygon, float]] = []  # of the plain ones: place, footprint, top
+    for i in places:
+        if details[i] == 0:
+            parts.append((i, buildings.footprints[i], eaves[i]))
+            parts += [(i, buildings.tiers[k], tops[k]) for k in range(tiers[i], tiers[i + 1])]
+    solids: dict[int, list[Prism]] = {i: [] for i, _, _ in parts}
+    prisms = Prism.each([one for _, one, _ in parts], [base[i] for i, _, _ in parts], [top for _, _, top in parts])
+    for (i, _, _), prism in zip(parts, prisms, strict=True):
         solids[i].append(prism)
     objects: list[CityObject] = []
     for i in places:

@@ -217,14 +217,15 @@ def _rehearsed(scene: Scene, plan: CellPlan) -> CellPlan:
     graph.remove_nodes_from(demoted.tolist())
     far, pairs = ~np.isin(selection.far, demoted), ~np.isin(plan.pairs, demoted).any(axis=1)
     layers = (np.setdiff1d(layer, demoted, assume_unique=True) for layer in plan.layers)
-    return CellPlan(
-        replace(selection, near=np.concatenate([selection.near, demoted])),
-        plan.pairs[pairs],
-        plan.weights[pairs],
-        None if plan.parallax is None else plan.parallax[far],
-        graph,
-        tuple(layer for layer in layers if layer.size),
-        missed,
+    return replace(
+        plan,
+        selection=replace(selection, near=np.concatenate([selection.near, demoted])),
+        pairs=plan.pairs[pairs],
+        weights=plan.weights[pairs],
+        parallax=None if plan.parallax is None else plan.parallax[far],
+        graph=graph,
+        layers=tuple(layer for layer in layers if layer.size),
+        missed=missed,
     )
 
 

@@ -80,8 +80,10 @@ def rehearse(
     bottom, top = walls.bottom[index] - eye, walls.top[index] - eye
     columns = math.ceil(2.0 * math.pi / pixel[0])
     far = np.flatnonzero(layer[owner] >= 0)
-    captured = _panorama(a[far], b[far], far, np.ones(columns, dtype=np.bool_))
-    behind = _behind(_faces(a, b), captured, layer[owner])
+    rays = _rays(columns)
+    captured = _panorama(a[far], b[far], far, rays, np.ones(columns, dtype=np.bool_))
+    faces = _faces(a, b)
+    behind = _behind(faces, captured, layer[owner])
     bins = BINS if sight is None else sight.bins
     seen = seen_from(np.full(len(index), 2**64 - 1, dtype=np.uint64) if sight is None else sight.bits[index], bins)
     demoted: list[int] = []
@@ -91,15 +93,31 @@ def rehearse(
         sought = behind & seen[:, k] & _faces(*from_m) & (layer[owner] >= 0)
         if not sought.any():
             continue
-        met = _panorama(*from_m, np.arange(len(a)), _columns_of(a[sought] - viewpoint, b[sought] - viewpoint, columns))
-        nearest = np.maximum(_distances(a[sought] - viewpoint, b[sought] - viewpoint), 1.0)
+        wanted = from_m[0][sought], from_m[1][sought]
+        met = _panorama(*from_m, np.arange(len(a)), rays, _columns_of(*wanted, columns))
+        nearest = np.maximum(_distances(*wanted), 1.0)
         up, down = (
             math.ceil(min(max(float((height[sought] / nearest).max()), 0.0), _STEEPEST) / pixel[1]) + 1
             for height in (top, -bottom)
         )
         missed, spans = np.empty((columns, up + down), dtype=np.int32), np.empty((columns, 2), dtype=np.int64)
         while True:
-            _look(*from_m, bottom, top, owner, layer, sought, met, viewpoint, captured, down, pixel[1], missed, spans)
+            _look(
+                bottom,
+                top,
+                owner,
+                layer,
+                faces,
+                sought,
+                met,
+                viewpoint,
+                captured,
+                rays,
+                down,
+                pixel[1],
+                missed,
+                spans,
+            )
             thick, inside = _thickest(missed, spans, thickest)
             if thick <= limit:
                 break
@@ -229,14 +247,17 @@ def _rays(columns: int) -> NDArray[np.float64]:
 
 @njit(cache=True, error_model="numpy")
 def _panorama(
-    a: NDArray[np.float64], b: NDArray[np.float64], index: NDArray[np.int64], wanted: NDArray[np.bool_]
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    index: NDArray[np.int64],
+    rays: NDArray[np.float64],
+    wanted: NDArray[np.bool_],
 ) -> _Panorama:
-    """What the centre rays of the ``wanted`` columns meet, nearest first: where a column starts, distances, walls.
+    """What the ``rays`` of the ``wanted`` columns meet, nearest first: where a column starts, distances, walls.
 
     Walls from ``a`` to ``b`` (n, 2), metres from where the rays start, are named by ``index`` (n,).
     """
     columns = len(wanted)
-    rays = _rays(columns)
     n = len(a)
     begin, many = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
     starts = np.zeros(columns + 1, dtype=np.int64)
@@ -270,16 +291,16 @@ def _panorama(
 
 @njit(cache=True, error_model="numpy")
 def _look(
-    a: NDArray[np.float64],
-    b: NDArray[np.float64],
     bottom: NDArray[np.float64],
     top: NDArray[np.float64],
     owner: NDArray[np.int64],
     layer: NDArray[np.int64],
+    faces: NDArray[np.bool_],
     sought: NDArray[np.bool_],
     met: _Panorama,
     viewpoint: NDArray[np.float64],
     captured: _Panorama,
+    rays: NDArray[np.float64],
     down: int,
     row: float,
     missed: NDArray[np.int32],
@@ -287,14 +308,13 @@ def _look(
 ) -> None:
     """Into ``missed`` (columns, rows) which object is missed there, -1 for none; only rows within ``spans`` (columns, 2) count.
 
-    What is ``sought`` are walls, as long as they are in a layer. Row ``down`` begins at eye level; each is a slope of ``row``.
-    Walls are metres from the viewpoint, which is at ``viewpoint`` (2,) from the reference.
+    What is ``sought`` are walls, as long as they are in a layer; ``faces`` says which of all show the reference their outside.
+    Row ``down`` begins at eye level; each is a slope of ``row``. The viewpoint is at ``viewpoint`` (2,) from the reference.
     """
     columns, rows = missed.shape
     starts, distances, walls = met
     captured_starts, captured_distances, captured_walls = captured
     turn = 2.0 * math.pi / columns
-    rays = _rays(columns)
     taken, state = np.empty(rows, dtype=np.bool_), np.empty(rows, dtype=np.uint8)
     for c in range(columns):
         spans[c] = 0, 0
@@ -324,13 +344,11 @@ def _look(
             x, y = distance * ux + viewpoint[0], distance * uy + viewpoint[1]
             scale = math.hypot(x, y) / distance / row  # rows here for a slope from the reference
             texel = math.floor(math.atan2(y, x) / turn) % columns
-            wx, wy = a[w, 0] + viewpoint[0], a[w, 1] + viewpoint[1]
-            faces = wx * (b[w, 1] - a[w, 1]) - wy * (b[w, 0] - a[w, 0]) < 0.0
             for k in range(captured_starts[texel], captured_starts[texel + 1]):
                 other, t = captured_walls[k], captured_distances[k]
                 if layer[owner[other]] != mine:
                     continue
-                there, lag = other == w and faces, 0.0
+                there, lag = other == w and faces[w], 0.0
                 if not there and owner[other] == owner[w]:
                     px, py = t * rays[texel, 0] - viewpoint[0], t * rays[texel, 1] - viewpoint[1]
                     there = abs(math.atan2(ux * py - uy * px, ux * px + uy * py)) <= turn
