@@ -10,6 +10,8 @@ from typing import Literal
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from citygen.networks import Network
 from citygen.ragged import are_convex, cut, following, from_rings, oriented_boxes, pairs, to_rings
@@ -18,6 +20,8 @@ __all__ = ["carve_blocks", "chamfer", "cut_lots", "grow", "subtract_cores", "wel
 
 _TOUCH = 0.002
 """Metres: a corner this near to a wall is on it."""
+_SAME = 0.1
+"""Metres: corners nearer to each other are one. No wall is that short, and roofs have no slivers between two such corners."""
 
 _Polygons = NDArray[np.object_]
 _Owners = NDArray[np.int64]
@@ -196,14 +200,16 @@ def subtract_cores(lots: _Polygons, cores: _Polygons) -> tuple[_Polygons, _Owner
 def weld(pieces: _Polygons) -> _Polygons:
     """The pieces (n,) with walls that neighbours share vertex by vertex: where a corner meets a wall, the wall has one, too.
 
-    Corners are rounded to the millimetre.
+    Corners are rounded to the millimetre, and those that nearly meet are one: a wall may turn a little, and a hole that is
+    no larger than that is closed. The pieces are wider than that; where one has a narrow neck, this may fold it.
     """
     if not len(pieces):
         return pieces
     rings, piece = shapely.get_rings(pieces, return_index=True)
     xy, ring = shapely.get_coordinates(rings, return_index=True)
-    xy = np.round(xy, 3) + 0.0
+    xy = _gathered(np.round(xy, 3) + 0.0)
     new = np.append(True, (np.diff(ring) != 0) | (np.diff(xy, axis=0) != 0.0).any(axis=1))
+    new &= (np.bincount(ring, new) > 3)[ring]
     xy, ring = xy[new], ring[new]
     starts = np.flatnonzero(np.diff(ring) == 0)
     names = np.round(1000.0 * xy) @ np.array([1.0, 1j])
@@ -218,7 +224,19 @@ def weld(pieces: _Polygons) -> _Polygons:
     corner, start, t = corner[proper], start[proper], t[proper]
     order = np.lexsort((np.concatenate([np.zeros(len(xy)), t]), np.concatenate([np.arange(len(xy)), start])))
     xy, ring = np.concatenate([xy, xy[corner]])[order], np.concatenate([ring, ring[start]])[order]
-    return np.asarray(shapely.polygons(shapely.linearrings(xy, indices=ring), indices=piece))
+    left, ring = np.unique(ring, return_inverse=True)
+    return np.asarray(shapely.polygons(shapely.linearrings(xy, indices=ring), indices=piece[left]))
+
+
+def _gathered(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The points (n, 2), each moved to the first of those that it nearly meets."""
+    places, which = np.unique(xy, axis=0, return_inverse=True)
+    points = shapely.points(places)
+    one, other = shapely.STRtree(points).query(points, predicate="dwithin", distance=_SAME)
+    links = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(len(places), len(places)))
+    _, group = connected_components(links, directed=False)
+    _, first = np.unique(group, return_index=True)
+    return np.asarray(places[first[group[which.reshape(-1)]]])
 
 
 def _polygons(shapes: _Polygons, owners: _Owners) -> tuple[_Polygons, _Owners]:

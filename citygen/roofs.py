@@ -4,12 +4,14 @@ A hip roof is the straight skeleton of its outline (Aichholzer et al. 1995): all
 that stands still. A mansard changes its slope on the way, a parapet goes level and then down. The front moves from event to
 event (an edge vanishes, a corner meets another edge); between events each edge sweeps a plane quadrilateral. Degenerate
 events need no care of their own: at each event nodes that meet are merged, nodes on edges split them, and opposite edges
-cancel out. ``raise_roof`` proves what it returns: no part is folded, and all parts together cover the outline.
+cancel out. ``raise_roof`` proves what it returns: no part is folded or stands upright that should slope, and all parts
+together cover the outline.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import mapbox_earcut
 import numpy as np
@@ -21,7 +23,9 @@ __all__ = ["CAP", "Roof", "fill", "raise_roof"]
 CAP = -1
 """In ``Roof.segment`` and ``Roof.edge``: the level part that closes a roof."""
 
-_NEAR = 1e-4  # metres: nodes nearer than this are one
+_NEAR = 0.02  # metres: nodes nearer than this are one
+_FOLD = 1e-4  # metres by which a corner may lie beyond the opposite side
+_SLIM = 2e-3  # metres: a triangle less high than that may lean as it likes
 _Ints = NDArray[np.int64]
 _Floats = NDArray[np.float64]
 
@@ -113,7 +117,9 @@ def raise_roof(
         np.concatenate(edges),
         depth,
     )
-    return roof if _sound(roof, points, after) else None
+    rises = np.array([end > start for (start, _), (end, _) in pairwise(profile)])
+    slopes = (roof.segment == CAP) | (rises[roof.segment] & (speed[roof.edge] > 0.0))
+    return roof if _sound(roof, points, after, slopes) else None
 
 
 def _advance(
@@ -122,7 +128,7 @@ def _advance(
     """How far the front moves until the next event (at most ``most``), where its nodes are then, whether there is an event."""
     if most <= 0.0:
         return 0.0, front.xy, False
-    reach = most + 10.0 * _NEAR  # an event just beyond is one, too
+    reach = most + _NEAR  # an event just beyond is one, too
     k = len(front.node)
     before = np.empty(k, dtype=np.int64)
     before[front.after] = np.arange(k)
@@ -303,13 +309,17 @@ def _with_every_point(faces: _Ints, points: _Floats, after: _Ints) -> _Ints:
     return faces
 
 
-def _sound(roof: Roof, points: _Floats, after: _Ints) -> bool:
-    """Whether the roof is one unfolded sheet whose border is the outline, all of it."""
+def _sound(roof: Roof, points: _Floats, after: _Ints, slopes: NDArray[np.bool_]) -> bool:
+    """Whether the roof is one unfolded sheet whose border is the outline, all of it, and none of ``slopes`` (m,) is upright."""
     a, b, c = (roof.vertices[roof.triangles[:, i]] for i in range(3))
-    area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    normal = np.cross(b - a, c - a)
+    area = normal[:, 2]
+    longest = np.sqrt(np.maximum.reduce([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))]))
+    whole = np.sqrt((normal**2).sum(axis=1))
+    upright = slopes & (area < 0.2 * whole) & (whole > _SLIM * longest)
     near = points - points[0]
     covered = (near[:, 0] * near[after, 1] - near[:, 1] * near[after, 0]).sum()
-    if area.min() < -20.0 * _NEAR or abs(area.sum() - covered) > 1e-4 * covered + 1e-3:
+    if (area < -_FOLD * longest).any() or upright.any() or abs(area.sum() - covered) > 1e-4 * covered + 1e-3:
         return False
     size = len(roof.vertices)
     start, end = roof.triangles.ravel(), np.roll(roof.triangles, -1, axis=1).ravel()

@@ -16,6 +16,8 @@ __all__ = ["without_needles"]
 
 _HEIGHT = 6e-4
 """Metres: a triangle less high than that over its longest side is a needle."""
+_FOLDED = 1.5e-3
+"""Metres: so is one less high than that which rounding has turned over, onto its neighbour."""
 _ROUNDS = 8
 """Dividing a needle's neighbour may leave another needle, which is next."""
 
@@ -28,39 +30,55 @@ def without_needles(mesh: TriangleMesh) -> TriangleMesh:
         keep = (place != following).all(axis=1)  # with two corners in one place, the neighbours meet each other
         corners = mesh.vertices[mesh.triangles]
         sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-        double = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-        needles = np.flatnonzero(keep & (double < _HEIGHT * sides.max(axis=1)))
-        if not len(needles) and keep.all():
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        height = np.linalg.norm(normal, axis=1) / np.maximum(sides.max(axis=1), 1e-12)
+        slim = np.flatnonzero(keep & (height < _FOLDED))
+        other, side = _across(place, keep, slim, sides[slim].argmax(axis=1))
+        facing = (normal[slim] * normal[other]).sum(axis=1)
+        facing /= np.maximum(np.linalg.norm(normal[slim], axis=1) * np.linalg.norm(normal[other], axis=1), 1e-12)
+        needle = (height[slim] < _HEIGHT) | ((other >= 0) & (facing < -0.99))
+        if not needle.any() and keep.all():
             return mesh
-        mesh = _divided(mesh, place, sides, needles, keep)
+        mesh = _divided(mesh, sides, keep, slim[needle], other[needle], side[needle])
     return mesh
+
+
+def _across(
+    place: NDArray[np.int64], keep: NDArray[np.bool_], which: NDArray[np.int64], side: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The triangles beyond sides ``side`` (k,) of ``which`` (k,), -1 where there is none, and which of their sides that is."""
+    size = int(place.max()) + 1 if place.size else 1
+    key = (place * size + np.roll(place, -1, axis=1)).ravel()
+    key[~np.repeat(keep, 3)] = -1
+    order = np.argsort(key, kind="stable")
+    wanted = place[which, (side + 1) % 3] * size + place[which, side]
+    last = np.searchsorted(key[order], wanted, side="right") - 1
+    edge = order[np.maximum(last, 0)]
+    found = (last >= 0) & (key[edge] == wanted)
+    return np.where(found, edge // 3, -1), edge % 3
 
 
 def _divided(
     mesh: TriangleMesh,
-    place: NDArray[np.int64],
     sides: NDArray[np.float64],
-    needles: NDArray[np.int64],
     keep: NDArray[np.bool_],
+    needles: NDArray[np.int64],
+    beyond: NDArray[np.int64],
+    shared: NDArray[np.int64],
 ) -> TriangleMesh:
-    """Each of ``needles`` (k,) gone, its neighbour divided; where two need the same neighbour, the first of them."""
-    owner: dict[tuple[int, int], tuple[int, int]] = {}
-    wanted = {(place[i, (j + 1) % 3], place[i, j]) for i in needles.tolist() for j in (int(np.argmax(sides[i])),)}
-    for j in range(3):
-        edges = zip(place[:, j].tolist(), place[:, (j + 1) % 3].tolist(), strict=True)
-        owner.update({edge: (i, j) for i, edge in enumerate(edges) if edge in wanted and keep[i]})
+    """Each of ``needles`` (k,) gone and its neighbour ``beyond`` (k,) divided at their ``shared`` (k,) side; where two need
+    the same neighbour, the first of them.
+    """
     taken: set[int] = set()
     keep = keep.copy()
     rows: list[tuple[NDArray[np.int32], NDArray[np.float32], int]] = []
-    for i in needles.tolist():
+    for i, other, side in zip(needles.tolist(), beyond.tolist(), shared.tolist(), strict=True):
         if i in taken:
             continue  # divided itself
         j = int(np.argmax(sides[i]))
-        found = owner.get((int(place[i, (j + 1) % 3]), int(place[i, j])))
-        if found is None:
+        if other < 0:
             keep[i] = False  # nothing beside it: it shows nothing and closes nothing
             continue
-        other, side = found
         if other in taken:
             continue  # next round
         taken |= {i, other}
