@@ -18,10 +18,10 @@ from citygen.ragged import are_convex, cut, following, from_rings, oriented_boxe
 
 __all__ = ["carve_blocks", "chamfer", "cut_lots", "grow", "subtract_cores", "weld"]
 
-_TOUCH = 0.002
-"""Metres: a corner this near to a wall is on it."""
-_SAME = 0.1
-"""Metres: corners nearer to each other are one. No wall is that short, and roofs have no slivers between two such corners."""
+_ON = 0.002
+"""Metres: a street this near to the border of a block runs along it."""
+_NEAR = 0.1
+"""Metres: corners nearer to each other are one, and a corner that near to a wall is on it: no wall and no gap is that short."""
 
 _Polygons = NDArray[np.object_]
 _Owners = NDArray[np.int64]
@@ -36,7 +36,7 @@ def carve_blocks(
     """
     convex = are_convex(areas, bend=0.03)  # what a slight bend costs is a wider pavement
     middles = shapely.line_interpolate_point(network.lines, 0.5, normalized=True)
-    led_into, _ = shapely.STRtree(middles).query(grow(areas, -_TOUCH), predicate="contains_properly")
+    led_into, _ = shapely.STRtree(middles).query(grow(areas, -_ON), predicate="contains_properly")
     convex[led_into] = False  # a dead end lies inside
     straight = _inset(areas, np.flatnonzero(convex), network, pavement)
     bent = _without_streets(areas, np.flatnonzero(~convex), network, pavement)
@@ -200,22 +200,19 @@ def subtract_cores(lots: _Polygons, cores: _Polygons) -> tuple[_Polygons, _Owner
 def weld(pieces: _Polygons) -> _Polygons:
     """The pieces (n,) with walls that neighbours share vertex by vertex: where a corner meets a wall, the wall has one, too.
 
-    Corners are rounded to the millimetre, and those that nearly meet are one: a wall may turn a little, and a hole that is
-    no larger than that is closed. The pieces are wider than that; where one has a narrow neck, this may fold it.
+    Corners are rounded to the millimetre, and those that nearly meet are one: walls may turn a little, and a hole, spike or
+    neck that is no wider than that is closed (of a piece in parts, the largest stays). The pieces are wider than that.
     """
     if not len(pieces):
         return pieces
     rings, piece = shapely.get_rings(pieces, return_index=True)
     xy, ring = shapely.get_coordinates(rings, return_index=True)
-    xy = _gathered(np.round(xy, 3) + 0.0)
-    new = np.append(True, (np.diff(ring) != 0) | (np.diff(xy, axis=0) != 0.0).any(axis=1))
-    new &= (np.bincount(ring, new) > 3)[ring]
-    xy, ring = xy[new], ring[new]
+    xy, ring = _distinct(np.round(xy, 3) + 0.0, ring)
     starts = np.flatnonzero(np.diff(ring) == 0)
     names = np.round(1000.0 * xy) @ np.array([1.0, 1j])
     unique, which = np.unique(names, return_index=True)
     walls = shapely.STRtree(shapely.linestrings(np.stack([xy[starts], xy[starts + 1]], axis=1)))
-    corner, wall = walls.query(shapely.points(xy[which]), predicate="dwithin", distance=_TOUCH)
+    corner, wall = walls.query(shapely.points(xy[which]), predicate="dwithin", distance=_NEAR)
     inside = (unique[corner] != names[starts[wall]]) & (unique[corner] != names[starts[wall] + 1])
     corner, start = which[corner[inside]], starts[wall[inside]]
     along = xy[start + 1] - xy[start]
@@ -224,15 +221,30 @@ def weld(pieces: _Polygons) -> _Polygons:
     corner, start, t = corner[proper], start[proper], t[proper]
     order = np.lexsort((np.concatenate([np.zeros(len(xy)), t]), np.concatenate([np.arange(len(xy)), start])))
     xy, ring = np.concatenate([xy, xy[corner]])[order], np.concatenate([ring, ring[start]])[order]
-    left, ring = np.unique(ring, return_inverse=True)
-    return np.asarray(shapely.polygons(shapely.linearrings(xy, indices=ring), indices=piece[left]))
+    xy, ring = _distinct(_gathered(xy), ring)
+    wide = np.bincount(ring)[ring] > 3
+    left, ring = np.unique(ring[wide], return_inverse=True)
+    welded = shapely.polygons(shapely.linearrings(xy[wide], indices=ring), indices=piece[left])
+    folded = np.flatnonzero(~shapely.is_valid(welded))
+    parts, whose = shapely.get_parts(
+        shapely.make_valid(welded[folded], method="structure", keep_collapsed=False), return_index=True
+    )
+    largest = np.lexsort((shapely.area(parts), whose))
+    welded[folded[whose[largest]]] = parts[largest]  # the last assignment stays
+    return np.asarray(welded)
+
+
+def _distinct(xy: NDArray[np.float64], ring: _Owners) -> tuple[NDArray[np.float64], _Owners]:
+    """The points (n, 2) of rings ``ring`` (n,) but those that lie where the one before them does."""
+    new = np.append(True, (np.diff(ring) != 0) | (np.diff(xy, axis=0) != 0.0).any(axis=1))
+    return xy[new], ring[new]
 
 
 def _gathered(xy: NDArray[np.float64]) -> NDArray[np.float64]:
     """The points (n, 2), each moved to the first of those that it nearly meets."""
     places, which = np.unique(xy, axis=0, return_inverse=True)
     points = shapely.points(places)
-    one, other = shapely.STRtree(points).query(points, predicate="dwithin", distance=_SAME)
+    one, other = shapely.STRtree(points).query(points, predicate="dwithin", distance=_NEAR)
     links = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(len(places), len(places)))
     _, group = connected_components(links, directed=False)
     _, first = np.unique(group, return_index=True)

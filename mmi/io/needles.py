@@ -17,9 +17,9 @@ __all__ = ["without_needles"]
 _HEIGHT = 6e-4
 """Metres: a triangle less high than that over its longest side is a needle."""
 _FOLDED = 1.5e-3
-"""Metres: so is one less high than that which rounding has turned over, onto its neighbour."""
-_ROUNDS = 8
-"""Dividing a needle's neighbour may leave another needle, which is next."""
+"""Metres: so is one less high than that which rounding has turned over, onto a neighbour."""
+_ROUNDS = 16
+"""A needle whose neighbour is one, too, waits for that: divided, the two would only change places."""
 
 
 def without_needles(mesh: TriangleMesh) -> TriangleMesh:
@@ -33,12 +33,17 @@ def without_needles(mesh: TriangleMesh) -> TriangleMesh:
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         height = np.linalg.norm(normal, axis=1) / np.maximum(sides.max(axis=1), 1e-12)
         slim = np.flatnonzero(keep & (height < _FOLDED))
-        other, side = _across(place, keep, slim, sides[slim].argmax(axis=1))
-        facing = (normal[slim] * normal[other]).sum(axis=1)
-        facing /= np.maximum(np.linalg.norm(normal[slim], axis=1) * np.linalg.norm(normal[other], axis=1), 1e-12)
-        needle = (height[slim] < _HEIGHT) | ((other >= 0) & (facing < -0.99))
+        if not len(slim) and keep.all():
+            return mesh
+        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
+        needle = height[slim] < _HEIGHT
+        for turn in (1, 2, 0):  # last the longest side, where the neighbour is divided
+            other, side = _across(place, keep, slim, (sides[slim].argmax(axis=1) + turn) % 3)
+            needle |= (other >= 0) & ((normal[slim] * normal[other]).sum(axis=1) < -0.99)
         if not needle.any() and keep.all():
             return mesh
+        firm = needle & ~np.isin(other, slim[needle])
+        needle = firm if firm.any() else needle
         mesh = _divided(mesh, sides, keep, slim[needle], other[needle], side[needle])
     return mesh
 

@@ -1,9 +1,13 @@
 """Blocks, lots and walls, against shapely's polygon operations and shapes small enough to work out by hand."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import shapely
 import shapely.affinity
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from citygen.blocks import carve_blocks, cut_lots, subtract_cores, weld
 from citygen.networks import Network, faces, lattice_network
@@ -148,6 +152,47 @@ def test_courtyard_walls_are_welded_too():
     welded = weld(pieces)
     assert {(5.0, 3.0), (5.0, 7.0)} <= set(welded[0].interiors[0].coords)
     assert welded[2].equals(pieces[2])
+
+
+def shortest_wall(polygons):
+    xy, ring = shapely.get_coordinates(shapely.get_rings(polygons), return_index=True)
+    return np.hypot(*np.diff(xy, axis=0).T)[np.diff(ring) == 0].min()
+
+
+def test_corners_that_nearly_meet_are_one():
+    """Lots on both sides of a wall are cut almost, not quite, at one place: no sliver is left between them."""
+    lots = [shapely.box(0, 0, 4, 5), shapely.box(4, 0, 9, 5), shapely.box(0, 5, 4.06, 9), shapely.box(4.06, 5, 9, 9)]
+    welded = weld(np.array(lots, dtype=object))
+    assert [len(one.exterior.coords) - 1 for one in welded] == [4, 4, 4, 4]
+    assert shapely.union_all(welded).equals(shapely.box(0, 0, 9, 9))
+    assert shapely.area(welded).sum() == pytest.approx(81.0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.floats(0.0, 9.0), max_size=4), st.lists(st.floats(0.0, 9.0), max_size=4), st.floats(-0.2, 0.2))
+def test_welded_rows_neither_overlap_nor_leave_gaps(below, above, tilt):
+    """Two rows of lots along a wall, each cut where it likes."""
+    whole = shapely.Polygon([(-3.0, -5.0), (12.0, -5.0), (12.0, 5.0 + tilt), (-3.0, 5.0 - tilt)])
+    lots = []
+    for low, high, cuts in ((-9.0, 0.0, below), (0.0, 9.0, above)):
+        edges = [-3.0, *sorted(cuts), 12.0]
+        lots += [shapely.box(a, low, b, high).intersection(whole) for a, b in pairwise(edges) if b - a > 0.3]
+    welded = weld(np.array(lots, dtype=object))
+    assert shapely.is_valid(welded).all()
+    assert shortest_wall(welded) >= 0.1
+    apart = np.triu(shapely.area(shapely.intersection(welded[:, None], welded[None])), 1)
+    assert apart.max(initial=0.0) < 1e-6
+    bound = 0.4 * shapely.length(shapely.union_all(lots))
+    assert shapely.area(shapely.symmetric_difference(shapely.union_all(lots), shapely.union_all(welded))) < bound
+
+
+def test_holes_and_necks_no_wider_than_a_hand_are_closed():
+    hole = shapely.box(0, 0, 9, 9).difference(shapely.box(4, 4, 4.05, 4.05))
+    neck = shapely.union_all([shapely.box(20, 0, 29, 9), shapely.box(29, 4, 31, 4.05), shapely.box(31, 0, 33, 9)])
+    welded = weld(np.array([hole, neck], dtype=object))
+    assert not welded[0].interiors
+    assert shapely.is_valid(welded).all()
+    assert welded[1].bounds == (20.0, 0.0, 29.0, 9.0)
 
 
 def test_nothing_to_weld():

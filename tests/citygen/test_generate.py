@@ -1,5 +1,7 @@
 """Generated cities: counts, walls, clearances and ground, checked on what was made."""
 
+import json
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -7,11 +9,14 @@ import pytest
 import shapely
 
 from citygen.generate import generate
+from citygen.houses import ROOF_KINDS, STYLES, house
 from citygen.metropolis import metropolis
 from citygen.objects import party_walls, triangle_count
 from citygen.presets import PRESETS
 from mmi.city import City
 from mmi.errors import ParameterError
+from mmi.io.cityjson_checks import check_cityjson
+from mmi.io.cityjson_writer import write_cityjson
 
 CITIES = {"hamlet": 2, "montmartre": 3, "manhattan": 1, "metropolis": 4}
 
@@ -39,6 +44,12 @@ def test_no_two_footprints_overlap(city):
     i, j = shapely.STRtree(ground).query(ground, predicate="intersects")
     i, j = i[i < j], j[i < j]
     assert shapely.area(shapely.intersection(ground[i], ground[j])).max(initial=0.0) < 1e-6
+
+
+def test_no_wall_is_shorter_than_a_hand(city):
+    ground = np.array([one.footprint for one in city.objects if one.id != "church"], dtype=object)
+    xy, ring = shapely.get_coordinates(shapely.get_rings(ground), return_index=True)
+    assert np.hypot(*np.diff(xy, axis=0).T)[np.diff(ring) == 0].min() >= 0.1
 
 
 def test_buildings_keep_off_carriageways(city):
@@ -110,6 +121,40 @@ def test_towers_step_back(cities):
     heights = np.array([one.height for one in made.objects])
     assert np.median(heights) < 40.0
     assert heights.max() > 120.0
+
+
+def test_houses_of_a_town_are_solids_in_a_file(cities, tmp_path):
+    """Roofs over the footprints that there are, after rounding to the millimetre, by the checks that val3dity makes."""
+    made = cities["montmartre"]
+    rng = np.random.default_rng(5)
+    houses = [
+        house(
+            one.id,
+            one.footprint,
+            base=one.base,
+            eaves=one.top,
+            style=STYLES[rng.integers(3)],
+            roof=ROOF_KINDS[rng.integers(4)],
+            detail=1,
+            rng=rng,
+            blind=blind,
+        )
+        for i, (one, blind) in enumerate(zip(made.objects, party_walls(footprints(made)), strict=True))
+        if one.id != "church" and i % 9 == 0
+    ]
+    path = tmp_path / "houses.json"
+    write_cityjson(replace(made, objects=tuple(houses)), path)
+    assert len(houses) > 150
+    assert check_cityjson(json.loads(path.read_text())) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("preset", ["montmartre", "radial", "manhattan"])
+def test_a_whole_town_is_solids_in_a_file(preset, seed, tmp_path):
+    path = tmp_path / "town.json"
+    write_cityjson(generate(preset, seed), path)
+    assert check_cityjson(json.loads(path.read_text())) == []
 
 
 @pytest.mark.parametrize("seed", [3, 11])

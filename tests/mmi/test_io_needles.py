@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import trimesh
@@ -14,6 +16,15 @@ def slimmest(mesh):
     sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
     double = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     return (double / sides).min()
+
+
+def folds(mesh):
+    """Edges over which two faces lie on each other."""
+    corners = mesh.vertices[mesh.triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    edges = {tuple(edge): i for i, face in enumerate(mesh.triangles.tolist()) for edge in pairwise([*face, face[0]])}
+    return sum(normal[i] @ normal[edges[b, a]] < -0.99 for (a, b), i in edges.items())
 
 
 def area(mesh):
@@ -56,6 +67,34 @@ def test_several_on_one_line_go_one_after_the_other():
     assert is_closed(mesh.vertices, mesh.triangles)
     assert slimmest(mesh) > 0.1
     assert volume(mesh.vertices, mesh.triangles) == pytest.approx(4 * 3 * 4 / 3)
+
+
+def test_a_triangle_that_rounding_turned_over_goes():
+    """The middle of a side of the floor lies a millimetre beyond it: the sliver beside it faces up, over the floor."""
+    points, faces = with_point_on_a_side(trimesh.creation.box((8.0, 6.0, 5.0)), 0, 0.4)
+    inward = points[trimesh.creation.box((8.0, 6.0, 5.0)).faces[0, 2]] - points[-1]
+    for beyond in (0.001, -0.001):
+        moved = points.copy()
+        moved[-1] += beyond * inward / np.linalg.norm(inward)
+        mesh = without_needles(TriangleMesh(moved, faces.astype(np.int32)))
+        assert is_closed(mesh.vertices, mesh.triangles)
+        assert folds(mesh) == 0
+        assert volume(mesh.vertices, mesh.triangles) == pytest.approx(240.0, abs=0.05)
+
+
+def test_needles_that_lie_on_each_other_do_not_change_places_for_ever():
+    """A floor divided at two points of a side, both known to one needle beside another, as folded roofs leave it."""
+    points = np.array([[0.0, 0, 0], [6, 0, 0], [6, 4, 0], [0, 4, 0], [2, 0, 0], [4, 0, 0], [3, 2, 5]])
+    points[4, 1], points[5, 1] = -0.0004, 0.0004
+    faces = [[0, 4, 6], [4, 5, 6], [5, 1, 6], [1, 2, 6], [2, 3, 6], [3, 0, 6]]
+    faces += [[3, 1, 0], [3, 2, 1], [0, 1, 4], [4, 1, 5]]
+    for turn in range(len(faces)):
+        turned = np.roll(np.array(faces, dtype=np.int32), turn, axis=0)
+        assert is_closed(points, turned)
+        mesh = without_needles(TriangleMesh(points, turned))
+        assert is_closed(mesh.vertices, mesh.triangles)
+        assert slimmest(mesh) > 0.1
+        assert volume(mesh.vertices, mesh.triangles) == pytest.approx(40.0, abs=0.02)
 
 
 def test_triangles_with_two_corners_in_one_place_go():
