@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -57,12 +58,13 @@ def read_citygml(path: Path, ledger: Ledger, *, lod: str | None = None, crs: pyp
     if _depth(root) > _DEEPEST:
         raise CityError(f"{path}: CityGML expected, found elements nested more than {_DEEPEST} deep")
     surfaces = _Surfaces(path, ledger, _appearances(path, root, ledger))
+    targets = _targets(root)
     ids: dict[str, int] = {}
     for member in _members(root):
         kind, name = _local(member), _id(member) or f"{_local(member)}/{len(ids)}"
         if kind == "Building":
             ledger.note("read", "buildings")
-            polygons = _at_level(member, lod, name, ledger)
+            polygons = _at_level(member, lod, name, targets, ledger)
             if not polygons:
                 ledger.note("left out", "building: no surfaces above level of detail 0", name)
             elif name in ids:
@@ -123,30 +125,62 @@ def _members(root: ElementTree.Element) -> Iterator[ElementTree.Element]:
             yield from holder
 
 
-def _at_level(building: ElementTree.Element, lod: str | None, name: str, ledger: Ledger) -> list[ElementTree.Element]:
-    """The polygons of a building and its parts at the level of detail wanted, or the highest."""
-    found: dict[int, list[ElementTree.Element]] = {}
-    parts: list[dict[int, list[ElementTree.Element]]] = []
+_Sided = tuple[ElementTree.Element, bool]
+"""A polygon, and whether it is used from behind."""
 
-    def walk(element: ElementTree.Element, level: int | None, own: dict[int, list[ElementTree.Element]]) -> None:
+
+@dataclass(slots=True)
+class _Part:
+    """A building, or a part of it: by level of detail the polygons that stand in it and those that it links to."""
+
+    own: dict[int, list[_Sided]] = field(default_factory=dict)
+    linked: dict[int, list[_Sided]] = field(default_factory=dict)
+
+    def at(self, level: int, elsewhere: set[int]) -> list[_Sided]:
+        """Its polygons, each once. A link to a polygon ``elsewhere`` (by identity) in the building counts from behind only."""
+        own = self.own.get(level, [])
+        inside = {id(one) for one, _ in own}
+        links = {(id(one), turned): (one, turned) for one, turned in self.linked.get(level, ())}
+        return own + [
+            (one, turned)
+            for one, turned in links.values()
+            if id(one) not in inside and (turned or id(one) not in elsewhere)
+        ]
+
+
+def _at_level(
+    building: ElementTree.Element, lod: str | None, name: str, targets: dict[str, ElementTree.Element], ledger: Ledger
+) -> list[_Sided]:
+    """The polygons of a building and its parts at the level of detail wanted, or the highest. ``targets``: of links."""
+    whole = _Part()
+    parts: list[_Part] = []
+
+    def walk(element: ElementTree.Element, level: int, part: _Part, turned: bool, links: frozenset[str]) -> None:
         local = _local(element)
         if local in ("BuildingPart", "BuildingInstallation"):
-            own = {}
-            parts.append(own)
+            part = _Part()
+            parts.append(part)
         stated = _LEVEL.match(local)
         level = int(stated.group(1)) if stated else level
         if local in ("Polygon", "Triangle", "Rectangle"):
-            if level is not None and level > 0:
-                found.setdefault(level, [])
-                own.setdefault(level, []).append(element)
+            if level > 0:
+                (part.linked if links else part.own).setdefault(level, []).append((element, turned))
             return
         if local in ("Room", "IntBuildingInstallation") or "TerrainIntersection" in local or "RoofEdge" in local:
             return
+        if "ImplicitRepresentation" in local:
+            ledger.note("left out", "building: a shape in coordinates of its own", name)
+            return
+        turned ^= local == "OrientableSurface" and element.attrib.get("orientation") == "-"
+        link = next((value for key, value in element.attrib.items() if key.rpartition(":")[2] == "href"), "")
+        target = link.lstrip("#")
+        if level > 0 and target in targets and target not in links:
+            walk(targets[target], level, part, turned, links | {target})
         for child in element:
-            walk(child, level, own)
+            walk(child, level, part, turned, links)
 
-    whole: dict[int, list[ElementTree.Element]] = {}
-    walk(building, None, whole)
+    walk(building, 0, whole, False, frozenset())
+    found = {level for part in (whole, *parts) for level in (*part.own, *part.linked)}
     if not found:
         return []
     wanted = max(found)
@@ -155,12 +189,26 @@ def _at_level(building: ElementTree.Element, lod: str | None, name: str, ledger:
         wanted = max((one for one in found if one <= asked), default=min(found))
         if wanted != asked:
             ledger.note("noted", f"building: no level of detail {lod}, taken at another", name)
-    polygons = list(whole.get(wanted, ()))
-    for own in parts:
+    inside = {id(one) for part in (whole, *parts) for polygons in part.own.values() for one, _ in polygons}
+    polygons = whole.at(wanted, inside)
+    is_whole = bool(polygons)
+    for part in parts:
         # A part at lower levels only is not shown by anything else, unlike the whole.
-        below = [one for one in own if one <= wanted]
-        polygons += own.get(wanted if wanted in whole else max(below, default=wanted), ())
+        below = [one for one in (*part.own, *part.linked) if one <= wanted]
+        polygons += part.at(wanted if is_whole else max(below, default=wanted), inside)
     return polygons
+
+
+def _targets(root: ElementTree.Element) -> dict[str, ElementTree.Element]:
+    """The surfaces that links name, by id."""
+    links = {
+        value.lstrip("#")
+        for element in root.iter()
+        for key, value in element.attrib.items()
+        if key.rpartition(":")[2] == "href"
+    }
+    surfaces = ("Polygon", "Triangle", "Rectangle", "OrientableSurface", "CompositeSurface", "MultiSurface", "Surface")
+    return {_id(one): one for one in root.iter() if _local(one) in surfaces and _id(one) in links}
 
 
 _Look = tuple[int | None, dict[str, list[float]], Color | None]
@@ -229,9 +277,9 @@ class _Surfaces:
         self._places: dict[tuple[float, ...], int] = {}
         self._uv: list[list[float]] = []
 
-    def add_building(self, owner: int, name: str, polygons: list[ElementTree.Element]) -> None:
-        """Polygons, each with the looks that its id, or that of a surface around it, has."""
-        for polygon in polygons:
+    def add_building(self, owner: int, name: str, polygons: list[_Sided]) -> None:
+        """Polygons, each with the looks that its id has."""
+        for polygon, turned in polygons:
             rings, ids = self._rings(polygon, name)
             texture, coordinates, color = self._looks.get(_id(polygon), (None, {}, None))
             uv = []
@@ -243,6 +291,8 @@ class _Surfaces:
                         own = np.empty((0, 2))
                     uv.append(list(range(len(self._uv), len(self._uv) + len(own))))
                     self._uv += own.tolist()
+            if turned:
+                rings, uv = [ring[::-1] for ring in rings], [own[::-1] for own in uv]
             self._faces.add(owner, rings, texture=texture, uv=uv, color=color)
 
     def add_ground(self, name: str, member: ElementTree.Element, *, relief: bool) -> None:

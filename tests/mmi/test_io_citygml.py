@@ -156,6 +156,55 @@ def test_solids(version, pos, tmp_path):
     assert is_citygml(tmp_path / "city.gml")
 
 
+def behind(target):
+    """A link to a surface from its other side."""
+    return f'<gml:OrientableSurface orientation="-"><gml:baseSurface xlink:href="#{target}"/></gml:OrientableSurface>'
+
+
+@pytest.mark.parametrize("parts", [False, True])
+def test_a_wall_between_two_solids_stands_once_in_the_file(parts, tmp_path):
+    """Neighbours, or parts of a building, of which one has the wall and the other links to it from behind."""
+    left, right = faces(box_at(), "a"), faces(box_at(x0=10.0, x1=14.0), "b")
+    shared = next(i for i, quad in enumerate(QUADS) if (box_at()[list(quad), 0] == 10.0).all())
+    back = next(i for i, quad in enumerate(QUADS) if (box_at()[list(quad), 0] == 0.0).all())
+    right[back] = behind(f"a-{shared}")
+    make = part if parts else building
+    both = [make("b", solid(right)), make("a", solid(left))]
+    layer, _ = read(model(building("whole", *both)) if parts else model(*both), tmp_path)
+    volumes = {item.id: volume(item.mesh) for item in layer.items}
+    assert volumes == pytest.approx({"whole": 840.0} if parts else {"a": 600.0, "b": 240.0})
+    assert sum(len(item.mesh.triangles) for item in layer.items) == 24
+
+
+def test_a_whole_that_links_to_its_parts_has_each_face_once(tmp_path):
+    own = faces(box_at(), "a")
+    links = "".join(f'<gml:surfaceMember xlink:href="#a-{i}"/>' for i in range(6))
+    shell = f"<gml:exterior><gml:CompositeSurface>{links}</gml:CompositeSurface></gml:exterior>"
+    text = building("w", f"<bldg:lod2Solid><gml:Solid>{shell}</gml:Solid></bldg:lod2Solid>", part("a", solid(own)))
+    layer, _ = read(model(text), tmp_path)
+    assert len(layer.items[0].mesh.triangles) == 12
+
+
+def test_links_in_a_circle_or_to_nothing_show_nothing(tmp_path):
+    circle = '<gml:OrientableSurface gml:id="s"><gml:baseSurface xlink:href="#s"/></gml:OrientableSurface>'
+    layer, _ = read(model(building("a", solid([*faces(box_at(), "a"), circle, behind("nowhere")]))), tmp_path)
+    assert len(layer.items[0].mesh.triangles) == 12
+
+
+def test_shapes_in_coordinates_of_their_own_are_left_out(tmp_path):
+    shape = f"<gml:MultiSurface>{members(faces(box_at(), 'd'))}</gml:MultiSurface>"
+    shape = (
+        f"<core:ImplicitGeometry><core:relativeGMLGeometry>{shape}</core:relativeGMLGeometry></core:ImplicitGeometry>"
+    )
+    placed = f"<bldg:lod3ImplicitRepresentation>{shape}</bldg:lod3ImplicitRepresentation>"
+    installation = building("i", placed, kind="BuildingInstallation")
+    installation = f"<bldg:outerBuildingInstallation>{installation}</bldg:outerBuildingInstallation>"
+    house = solid(faces(box_at(x0=400.0, x1=410.0), "a"))
+    layer, ledger = read(model(building("a", house, installation)), tmp_path)
+    assert layer.items[0].mesh.vertices[:, 0].min() == 400.0
+    assert ledger.count("left out", "building: a shape in coordinates of its own") == 1
+
+
 def test_holes(tmp_path):
     corners = box_at()
     yard = np.array([(2, 2, 6), (2, 4, 6), (4, 4, 6), (4, 2, 6)], dtype=float)
