@@ -139,6 +139,19 @@ def _widest(
     return most
 
 
+@njit(cache=True, error_model="numpy", fastmath=True)
+def _may_exceed(most: float, near: float, far: float, reach: float) -> bool:
+    """Whether :func:`_widest` of rays at ``near`` and ``far`` may exceed ``most``, for viewpoints within ``reach`` metres.
+
+    From M the sine of the angle between P and Q is |(P-M) x (Q-M)| / (|P-M| |Q-M|), and its numerator |M x (P-Q)| as both
+    are on one ray through C: at most reach |P-Q| / ((|P| - reach) (|Q| - reach)), which is largest for a level ray.
+    """
+    if near <= 2.0 * reach:
+        return True
+    square = (reach * (far - near) / ((near - reach) * (far - reach))) ** 2
+    return square * (1.0 + square) > most  # the chord's square is at most that, below a right angle
+
+
 @njit(cache=True, error_model="numpy")
 def _angle(chord_square: float) -> float:
     """The angle between unit vectors whose tips are that far apart."""
@@ -222,6 +235,9 @@ def _self_parallax(
     n, p = len(first) - 1, len(viewpoints)
     parallax = np.zeros(n)
     along, aside = np.empty(p), np.empty(p)
+    reach = rise
+    for k in range(p):
+        reach = max(reach, rise + math.hypot(viewpoints[k, 0], viewpoints[k, 1]))
     for one in range(n):
         start, end = first[one], first[one + 1]
         hits, walls = np.empty(end - start), np.empty(end - start, dtype=np.int64)
@@ -258,11 +274,13 @@ def _self_parallax(
                     if ends[back]:  # how far its roof or underside runs within a texel
                         level = bottom[back] if bottom[back] > -rise else top[back]
                         near = max(far - far * far * texels[back] / max(abs(level), 1e-6), hits[:count].min())
-                        most = max(most, _widest(near, far, level / far, level / far, along, aside, whence[back], rise))
+                        if _may_exceed(most, near, far, reach):
+                            slope = level / far
+                            most = max(most, _widest(near, far, slope, slope, along, aside, whence[back], rise))
                     for j in range(count):
                         front, near = walls[j], hits[j]
                         facing = a[front, 0] * b[front, 1] - a[front, 1] * b[front, 0] < 0.0
-                        if not facing or near >= far * (1.0 - _APART):
+                        if not facing or near >= far * (1.0 - _APART) or not _may_exceed(most, near, far, reach):
                             continue
                         lowest = max(bottom[front] / near, low[back] / far)
                         highest = min(top[front] / near, top[back] / far)
