@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from mmi.impostor import DepthTexture, GridMesh
 
-__all__ = ["as_seen", "chord", "displacement"]
+__all__ = ["as_seen", "chord", "displacement", "may_exceed"]
 
 
 def displacement(texture: DepthTexture, mesh: GridMesh, viewpoints: NDArray[np.float64]) -> float:
@@ -52,6 +52,20 @@ def chord(
     return most**0.5
 
 
+@njit(cache=True, error_model="numpy", fastmath=True)
+def may_exceed(most: float, near: float, far: float, reach: float) -> bool:
+    """Whether the square of the chord between two points of a capture ray may exceed ``most``, from ``reach`` metres around.
+
+    The points are ``near`` and ``far`` metres away. From M the sine of the angle between P and Q is |(P-M) x (Q-M)| /
+    (|P-M| |Q-M|), and its numerator |M x (P-Q)|, as both are on one ray: at most reach |P-Q| / ((|P| - reach) (|Q| - reach)).
+    That is less the larger both are in the same ratio, so distances on the ground do for rays that rise.
+    """
+    if near <= 2.0 * reach:
+        return True
+    square = (reach * (far - near) / ((near - reach) * (far - reach))) ** 2
+    return square * (1.0 + square) > most  # the chord's square is at most that, below a right angle
+
+
 @njit(cache=True, error_model="numpy")
 def _displacement(
     inverse: NDArray[np.float64],
@@ -63,7 +77,9 @@ def _displacement(
 ) -> float:
     """The largest chord (see :func:`chord`) over all captured texels, each drawn by the triangle that its centre lies in."""
     height, width = inverse.shape
-    most = 0.0
+    most = reach = 0.0
+    for k in range(len(offsets)):
+        reach = max(reach, np.sqrt((offsets[k] ** 2).sum()))
     for k in range(len(triangles)):
         (ax, ay), (bx, by), (cx, cy) = lattice[triangles[k, 0]], lattice[triangles[k, 1]], lattice[triangles[k, 2]]
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
@@ -82,6 +98,7 @@ def _displacement(
                     continue
                 a, b, c = values[triangles[k, 0]], values[triangles[k, 1]], values[triangles[k, 2]]
                 drawn = a + s * (b - a) + t * (c - a)
-                if abs(drawn - inverse[j, i]) > 1e-9 * drawn:
+                near, far = 1.0 / max(drawn, inverse[j, i]), 1.0 / min(drawn, inverse[j, i])
+                if far - near > 1e-9 * near and may_exceed(most * most, near, far, reach):
                     most = max(most, chord(x, y, inverse[j, i], drawn, frame, offsets))
     return most

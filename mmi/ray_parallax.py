@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from mmi.cells import ViewingCell
 from mmi.city import City
 from mmi.critical_zone import cell_region
+from mmi.displacement import may_exceed
 from mmi.outlook import outlook_of
 from mmi.sectors import Walls, texel_ratios
 from mmi.selection import Sight
@@ -137,19 +138,6 @@ def _widest(
             dx, dy, dz = x1 * n1 - x2 * n2, y * (n1 - n2), abs(z1 * n1 - z2 * n2) + rise * abs(n1 - n2)
             most = max(most, dx * dx + dy * dy + dz * dz)
     return most
-
-
-@njit(cache=True, error_model="numpy", fastmath=True)
-def _may_exceed(most: float, near: float, far: float, reach: float) -> bool:
-    """Whether :func:`_widest` of rays at ``near`` and ``far`` may exceed ``most``, for viewpoints within ``reach`` metres.
-
-    From M the sine of the angle between P and Q is |(P-M) x (Q-M)| / (|P-M| |Q-M|), and its numerator |M x (P-Q)| as both
-    are on one ray through C: at most reach |P-Q| / ((|P| - reach) (|Q| - reach)), which is largest for a level ray.
-    """
-    if near <= 2.0 * reach:
-        return True
-    square = (reach * (far - near) / ((near - reach) * (far - reach))) ** 2
-    return square * (1.0 + square) > most  # the chord's square is at most that, below a right angle
 
 
 @njit(cache=True, error_model="numpy")
@@ -274,13 +262,13 @@ def _self_parallax(
                     if ends[back]:  # how far its roof or underside runs within a texel
                         level = bottom[back] if bottom[back] > -rise else top[back]
                         near = max(far - far * far * texels[back] / max(abs(level), 1e-6), hits[:count].min())
-                        if _may_exceed(most, near, far, reach):
+                        if may_exceed(most, near, far, reach):
                             slope = level / far
                             most = max(most, _widest(near, far, slope, slope, along, aside, whence[back], rise))
                     for j in range(count):
                         front, near = walls[j], hits[j]
                         facing = a[front, 0] * b[front, 1] - a[front, 1] * b[front, 0] < 0.0
-                        if not facing or near >= far * (1.0 - _APART) or not _may_exceed(most, near, far, reach):
+                        if not facing or near >= far * (1.0 - _APART) or not may_exceed(most, near, far, reach):
                             continue
                         lowest = max(bottom[front] / near, low[back] / far)
                         highest = min(top[front] / near, top[back] / far)

@@ -70,12 +70,15 @@ def rehearse(
     somewhere is not looked for there. ``pixel`` is the width of a pixel (and of a texel) in radians of azimuth, and its
     height as a slope.
     """
+    x, y, eye = cell.reference
     index = walls.of(objects)
     owner = np.repeat(np.arange(len(objects)), walls.first[objects + 1] - walls.first[objects])
+    # Nearest first, as rays meet them, more or less: what rays meet is sorted soon.
+    order = np.argsort(_distances(walls.a[index] - (x, y), walls.b[index] - (x, y)), kind="stable")
+    index, owner = index[order], owner[order]
     layer = np.full(len(objects), -1, dtype=np.int64)
     for i, members in enumerate(layers):
         layer[np.searchsorted(objects, members)] = i
-    x, y, eye = cell.reference
     a, b = walls.a[index] - (x, y), walls.b[index] - (x, y)
     bottom, top = walls.bottom[index] - eye, walls.top[index] - eye
     columns = math.ceil(2.0 * math.pi / pixel[0])
@@ -325,19 +328,27 @@ def _look(
             continue
         ux, uy = rays[c]
         taken[:] = False
-        open_from = 0
+        from_row, to_row = 0, 0  # between which all is taken
         for entry in range(starts[c], last + 1):
             distance, w = distances[entry], walls[entry]
-            lowest = max(math.ceil(bottom[w] / distance / row - 0.5) + down, open_from)
+            lowest = max(math.ceil(bottom[w] / distance / row - 0.5) + down, 0)
             highest = min(math.ceil(top[w] / distance / row - 0.5) + down, rows)
+            if from_row <= lowest <= to_row:
+                lowest = to_row
+            if from_row <= highest <= to_row:
+                highest = min(highest, from_row)
             first, end = rows, 0
             for r in range(lowest, highest):
                 state[r] = _OTHER if taken[r] else _OPEN
                 if not taken[r]:
                     taken[r] = True
                     first, end = min(first, r), r + 1
-            while open_from < rows and taken[open_from]:
-                open_from += 1
+            if from_row == to_row and first < end:
+                from_row = to_row = first
+            while to_row < rows and taken[to_row]:
+                to_row += 1
+            while from_row > 0 and taken[from_row - 1]:
+                from_row -= 1
             mine = layer[owner[w]]
             if first >= end or mine < 0 or not sought[w]:
                 continue

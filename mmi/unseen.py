@@ -20,6 +20,8 @@ __all__ = ["without_unseen"]
 
 _ON_WALL = 0.05
 """Metres that a captured point may lie off its wall, and a thousandth of its distance more: depth is no better than that."""
+_SAME = 1e-5
+"""Relative difference of distances below which a point is on the wall of the one above it."""
 _ABOVE = 1.0
 """Metres above the reference viewpoint that an eye band does not reach: roofs up there are out of sight."""
 
@@ -72,14 +74,20 @@ def _hidden(
 ) -> NDArray[np.bool_]:
     """(h, w). ``axes`` (2, 3) turn the eye's directions into the ground plane; the view is level."""
     hidden = np.zeros(depth.shape, dtype=np.bool_)
-    for j in range(depth.shape[0]):
-        for i in range(depth.shape[1]):
+    for i in range(depth.shape[1]):
+        last, known = -1, 0.0  # down a column, a wall is at one distance
+        found, low = False, np.inf
+        for j in range(depth.shape[0]):
             one = ids[j, i]
             if one < 0:
                 continue
             z = np.float64(depth[j, i])
             u = (left + i + 0.5) / focal * z
             height = eye[2] - (top + j - 0.5) / focal * z  # of the texel above
+            if one == last and abs(z - known) <= _SAME * z:
+                hidden[j, i] = found and height < low
+                continue
+            last, known = one, z
             x, y = eye[0] + axes[0, 0] * u - axes[0, 2] * z, eye[1] + axes[1, 0] * u - axes[1, 2] * z
             nearest = _ON_WALL + 1e-3 * z
             reach = nearest * nearest
