@@ -93,11 +93,14 @@ def rehearse(
     thickest = _WORTH_KNOWING * limit
     for k, viewpoint in enumerate(around(cell.corners - (x, y), seen.shape[1])):
         from_m = a - viewpoint, b - viewpoint
-        sought = behind & seen[:, k] & _faces(*from_m) & (layer[owner] >= 0)
+        front = _faces(*from_m)
+        sought = behind & seen[:, k] & front & (layer[owner] >= 0)
         if not sought.any():
             continue
         wanted = from_m[0][sought], from_m[1][sought]
-        met = _panorama(*from_m, np.arange(len(a)), rays, _columns_of(*wanted, columns))
+        # Backs hide nothing that their fronts do not, but for roofs and undersides that M sees.
+        hiding = np.flatnonzero(front | (bottom > 0.0) | (top < 0.0))
+        met = _panorama(from_m[0][hiding], from_m[1][hiding], hiding, rays, _columns_of(*wanted, columns))
         nearest = np.maximum(_distances(*wanted), 1.0)
         up, down = (
             math.ceil(min(max(float((height[sought] / nearest).max()), 0.0), _STEEPEST) / pixel[1]) + 1
@@ -321,18 +324,24 @@ def _look(
     taken, state = np.empty(rows, dtype=np.bool_), np.empty(rows, dtype=np.uint8)
     for c in range(columns):
         spans[c] = 0, 0
-        last = starts[c + 1] - 1
-        while last >= starts[c] and not (sought[walls[last]] and layer[owner[walls[last]]] >= 0):
-            last -= 1
-        if last < starts[c]:
+        last, least, most = -1, rows, 0  # the last of what is sought, and the rows where it may be
+        for entry in range(starts[c], starts[c + 1]):
+            distance, w = distances[entry], walls[entry]
+            if sought[w] and layer[owner[w]] >= 0:
+                last = entry
+                least = min(least, max(math.ceil(bottom[w] / distance / row - 0.5) + down, 0))
+                most = max(most, min(math.ceil(top[w] / distance / row - 0.5) + down, rows))
+        if least >= most:
             continue
         ux, uy = rays[c]
-        taken[:] = False
-        from_row, to_row = 0, 0  # between which all is taken
+        taken[least:most] = False
+        from_row, to_row = least, least  # between which all is taken
         for entry in range(starts[c], last + 1):
+            if to_row - from_row == most - least:
+                break
             distance, w = distances[entry], walls[entry]
-            lowest = max(math.ceil(bottom[w] / distance / row - 0.5) + down, 0)
-            highest = min(math.ceil(top[w] / distance / row - 0.5) + down, rows)
+            lowest = max(math.ceil(bottom[w] / distance / row - 0.5) + down, least)
+            highest = min(math.ceil(top[w] / distance / row - 0.5) + down, most)
             if from_row <= lowest <= to_row:
                 lowest = to_row
             if from_row <= highest <= to_row:
@@ -345,9 +354,9 @@ def _look(
                     first, end = min(first, r), r + 1
             if from_row == to_row and first < end:
                 from_row = to_row = first
-            while to_row < rows and taken[to_row]:
+            while to_row < most and taken[to_row]:
                 to_row += 1
-            while from_row > 0 and taken[from_row - 1]:
+            while from_row > least and taken[from_row - 1]:
                 from_row -= 1
             mine = layer[owner[w]]
             if first >= end or mine < 0 or not sought[w]:
