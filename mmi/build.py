@@ -28,7 +28,7 @@ from mmi.meshing import grid_mesh
 from mmi.parallax import critical_zone_weights
 from mmi.parameters import BuildParameters
 from mmi.parts import covered_parts
-from mmi.ray_parallax import same_ray_weights, self_parallax
+from mmi.ray_parallax import same_ray_weights
 from mmi.rehearsal import rehearse
 from mmi.sectors import Walls, layer_views, walls_of
 from mmi.segmentation import near_by_distance, near_by_parallax, near_by_slope, near_by_triangles
@@ -102,16 +102,14 @@ class CellPlan:
     """What :func:`plan_cell` decided for a cell.
 
     ``pairs`` (m, 2) are indices into the city's objects of far objects that can overlap in the image, ``weights`` (m,)
-    their weights in radians (landmark factors not applied); ``parallax`` (n,) is the self-parallax of the selection's far
-    objects, where weights bound the error; ``graph`` is the graph of visibility events above the threshold; ``layers``
-    are its colours: arrays of object indices; ``missed`` is how thick a region they may miss together, in pixels, where that
-    is bounded (:mod:`mmi.rehearsal`).
+    their weights in radians (landmark factors not applied); ``graph`` is the graph of visibility events above the threshold;
+    ``layers`` are its colours: arrays of object indices; ``missed`` is how thick a region they may miss together, in pixels,
+    where that is bounded (:mod:`mmi.rehearsal`).
     """
 
     selection: Selection
     pairs: NDArray[np.int64]
     weights: NDArray[np.float64]
-    parallax: NDArray[np.float64] | None
     graph: nx.Graph
     layers: tuple[NDArray[np.int64], ...]
     missed: float | None
@@ -171,12 +169,9 @@ def plan_cell(
     far = selection.far
     objects = [scene.city.objects[i] for i in far]
     with watch.stage("weights"):
-        parallax = None
         if parameters.weights == "same-ray":
             quad = _FINEST_QUAD / parameters.camera.focal
             pairs, weights = same_ray_weights(cell, scene.walls, far, selection.sight, quad=quad)
-            texel = 1.0 / parameters.camera.focal
-            parallax = self_parallax(scene.city, cell, scene.walls, far, selection.sight, texel=texel)
         else:
             signed = parameters.weights == "critical-zone"
             pairs, weights = critical_zone_weights(cell, objects, signed=signed)
@@ -190,7 +185,7 @@ def plan_cell(
             [one.top for one in objects],
         )
         layers = assign_layers(graph, boxes, strategy=parameters.layering)
-    plan = CellPlan(selection, far[pairs], weights, parallax, graph, layers, None)
+    plan = CellPlan(selection, far[pairs], weights, graph, layers, None)
     if not parameters.bounded:
         return plan
     with watch.stage("rehearsal"):
@@ -215,14 +210,13 @@ def _rehearsed(scene: Scene, plan: CellPlan) -> CellPlan:
     demoted, missed = found.demoted, coarse * found.thickness
     graph = plan.graph.copy()
     graph.remove_nodes_from(demoted.tolist())
-    far, pairs = ~np.isin(selection.far, demoted), ~np.isin(plan.pairs, demoted).any(axis=1)
+    pairs = ~np.isin(plan.pairs, demoted).any(axis=1)
     layers = (np.setdiff1d(layer, demoted, assume_unique=True) for layer in plan.layers)
     return replace(
         plan,
         selection=replace(selection, near=np.concatenate([selection.near, demoted])),
         pairs=plan.pairs[pairs],
         weights=plan.weights[pairs],
-        parallax=None if plan.parallax is None else plan.parallax[far],
         graph=graph,
         layers=tuple(layer for layer in layers if layer.size),
         missed=missed,

@@ -269,8 +269,9 @@ def _largest_weight_px(scene: Scene, plan: CellPlan) -> float:
     layer_of = {int(i): index for index, objects in enumerate(plan.layers) for i in objects}
     together = np.array([layer_of[int(a)] == layer_of[int(b)] for a, b in plan.pairs], dtype=bool)
     largest = float(np.max(plan.weights[together], initial=0.0))
-    if plan.parallax is not None:
-        largest = float(np.max(plan.parallax, initial=largest))
+    selection = plan.selection
+    if selection.parallax is not None:
+        largest = float(np.max(selection.parallax[np.isin(selection.objects, selection.far)], initial=largest))
     return scene.parameters.camera.pixels_from_angle(min(largest, 1.5))
 
 

@@ -65,10 +65,12 @@ def near_by_parallax(
     """
 
     def extract(selection: Selection) -> Selection:
-        objects = selection.objects
-        missed = self_parallax(selection.city, selection.cell, walls, objects, selection.sight, texel=texel)
-        raised = np.array([(factors or {}).get(int(i), 1.0) for i in objects])
-        return _with_near(selection, objects[missed * raised > threshold])
+        far = selection.far
+        missed = self_parallax(selection.city, selection.cell, walls, far, selection.sight, texel=texel)
+        raised = np.array([(factors or {}).get(int(i), 1.0) for i in far])
+        parallax = np.full(len(selection.objects), math.inf)
+        parallax[np.searchsorted(selection.objects, far)] = missed
+        return replace(_with_near(selection, far[missed * raised > threshold]), parallax=parallax)
 
     return extract
 

@@ -41,7 +41,8 @@ class Selection:
     """Objects of ``city`` as seen from ``cell``: indices into ``city.objects``, sorted, without repeats.
 
     ``objects`` (n,) is what may be visible; ``near`` (k,) are those of them that stay geometry; ``far`` is the rest.
-    ``sight`` tells what of their walls may be visible, where a stage found that out.
+    ``sight`` tells what of their walls may be visible, ``parallax`` (n,) how far they may part within themselves (radians;
+    infinite for what was near already), where a stage found that out.
     """
 
     city: City
@@ -49,6 +50,7 @@ class Selection:
     objects: NDArray[np.int64]
     near: NDArray[np.int64]
     sight: Sight | None = None
+    parallax: NDArray[np.float64] | None = None
     far: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:

@@ -173,16 +173,29 @@ def test_incremental_measures_across_the_seam_of_the_panorama():
     assert [layer.tolist() for layer in layers_incremental(graph, boxes)] == [[0], [1, 2]]
 
 
-@pytest.mark.parametrize("strategy", ["largest_first", "smallest_last", "saturation_largest_first"])
+@pytest.mark.parametrize(
+    ("strategy", "twin"), [("largest-first", "largest_first"), ("dsatur", "saturation_largest_first")]
+)
 @settings(deadline=None, max_examples=40)
 @given(case=graphs())
-def test_greedy_layers_are_the_colours_of_networkx(strategy, case):
+def test_greedy_layers_are_the_colours_of_networkx(strategy, twin, case):
     graph, _ = case
-    colors = nx.greedy_color(nx.relabel_nodes(graph, {node: i for i, node in enumerate(graph)}), strategy=strategy)
+    colors = nx.greedy_color(nx.relabel_nodes(graph, {node: i for i, node in enumerate(graph)}), strategy=twin)
     layers = layers_greedy(graph, strategy)
     assert {node: i for i, layer in enumerate(layers) for node in layer.tolist()} == {
         node: colors[i] for i, node in enumerate(graph)
     }
+
+
+@settings(deadline=None, max_examples=40)
+@given(graphs())
+def test_smallest_last_takes_one_layer_more_than_the_graph_has_cores(case):
+    """At most: its bound, that of networkx, which breaks ties otherwise."""
+    graph, _ = case
+    layers = layers_greedy(graph, "smallest-last")
+    assert sorted(node for layer in layers for node in layer.tolist()) == sorted(graph)
+    assert not any(graph.has_edge(a, b) for layer in layers for a in layer.tolist() for b in layer.tolist())
+    assert len(layers) <= 1 + max(nx.core_number(graph).values(), default=-1)
 
 
 @settings(deadline=None, max_examples=20)

@@ -53,7 +53,7 @@ def plan_of(layers=2, per_layer=2, near=3, culled=5):
     graph.add_weighted_edges_from(
         (int(a), int(b), float(w)) for (a, b), w in zip(pairs, weights, strict=True) if w > CAMERA.angle_from_pixels(T)
     )
-    return city, CellPlan(selection, pairs, weights, None, graph, members, None)
+    return city, CellPlan(selection, pairs, weights, graph, members, None)
 
 
 def labels(figure):
@@ -101,7 +101,7 @@ def test_courtyards_stay_open():
     yard = Polygon(box(0, 60, 30, 90).exterior.coords, [box(5, 65, 25, 85).exterior.coords])
     city = City((CityObject("b0", (Prism(yard, 0.0, 10.0),)),), city.streets, city.crs, city.origin, city.source)
     plan = CellPlan(
-        Selection(city, plan.selection.cell, [0], []), plan.pairs, plan.weights, None, plan.graph, plan.layers, None
+        Selection(city, plan.selection.cell, [0], []), plan.pairs, plan.weights, plan.graph, plan.layers, None
     )
     figure = birds_eye(city, plan)
     figure.canvas.draw()
@@ -145,7 +145,7 @@ def test_weights_beyond_a_right_angle_are_drawn():
     weights = np.full(len(plan.weights), 2.0 * math.pi)
     figure = event_graph_plot(
         city,
-        CellPlan(plan.selection, plan.pairs, weights, None, plan.graph, plan.layers, None),
+        CellPlan(plan.selection, plan.pairs, weights, plan.graph, plan.layers, None),
         camera=CAMERA,
         max_error_px=T,
     )
