@@ -89,6 +89,7 @@ def rehearse(
     behind = _behind(faces, captured, layer[owner])
     bins = BINS if sight is None else sight.bins
     seen = seen_from(np.full(len(index), 2**64 - 1, dtype=np.uint64) if sight is None else sight.bits[index], bins)
+    buffer, spans = np.empty(0, dtype=np.int32), np.empty((columns, 2), dtype=np.int64)
     demoted: list[int] = []
     thickest = _WORTH_KNOWING * limit
     for k, viewpoint in enumerate(around(cell.corners - (x, y), seen.shape[1])):
@@ -106,7 +107,9 @@ def rehearse(
             math.ceil(min(max(float((height[sought] / nearest).max()), 0.0), _STEEPEST) / pixel[1]) + 1
             for height in (top, -bottom)
         )
-        missed, spans = np.empty((columns, up + down), dtype=np.int32), np.empty((columns, 2), dtype=np.int64)
+        if buffer.size < columns * (up + down):
+            buffer = np.empty(columns * (up + down), dtype=np.int32)
+        missed = buffer[: columns * (up + down)].reshape(columns, up + down)
         while True:
             _look(
                 bottom,
@@ -368,15 +371,16 @@ def _look(
                 other, t = captured_walls[k], captured_distances[k]
                 if layer[owner[other]] != mine:
                     continue
+                begin = max(math.ceil(bottom[other] / t * scale - 0.5) + down, first)
+                stop = min(math.ceil(top[other] / t * scale - 0.5) + down, end)
+                if begin >= stop:
+                    continue
                 there, lag = other == w and faces[w], 0.0
                 if not there and owner[other] == owner[w]:
                     px, py = t * rays[texel, 0] - viewpoint[0], t * rays[texel, 1] - viewpoint[1]
                     there = abs(math.atan2(ux * py - uy * px, ux * px + uy * py)) <= turn
                     lag = abs(1.0 - t / max(scale * row * math.hypot(px, py), _CLOSEST))  # so much of a slope it is off
-                for r in range(
-                    max(math.ceil(bottom[other] / t * scale - 0.5) + down, first),
-                    min(math.ceil(top[other] / t * scale - 0.5) + down, end),
-                ):
+                for r in range(begin, stop):
                     if state[r] == _OPEN:
                         state[r] = _OTHER if there and lag * abs(r + 0.5 - down) <= 1.0 else _MISSED
             for r in range(first, end):
