@@ -23,7 +23,8 @@ __all__ = ["CAP", "Roof", "fill", "raise_roof"]
 CAP = -1
 """In ``Roof.segment`` and ``Roof.edge``: the level part that closes a roof."""
 
-_NEAR = 0.02  # metres: nodes nearer than this are one
+# Metres: nodes nearer than this are one. Coarse first: roofs over nearly regular outlines have no slivers then.
+_NEAR = (0.02, 1e-4)
 _FOLD = 1e-4  # metres by which a corner may lie beyond the opposite side
 _SLIM = 2e-3  # metres: a triangle less high than that may lean as it likes
 _Ints = NDArray[np.int64]
@@ -66,11 +67,25 @@ def raise_roof(
     from (0, eaves) inwards; where it ends before the front has vanished, the roof is closed with a level cap. ``speeds``
     (n,) of the edges, by default 1; 0 for a gable.
     """
+    speed = np.ones(len(points)) if speeds is None else speeds
+    rises = np.array([end > start for (start, _), (end, _) in pairwise(profile)])
+    for near in _NEAR:
+        roof = _raised(points, after, profile, speed, near)
+        if roof is not None:
+            slopes = (roof.segment == CAP) | (rises[roof.segment] & (speed[roof.edge] > 0.0))
+            if _sound(roof, points, after, slopes):
+                return roof
+    return None
+
+
+def _raised(
+    points: _Floats, after: _Ints, profile: tuple[tuple[float, float], ...], speed: _Floats, near: float
+) -> Roof | None:
+    """The roof by this tolerance, sound or not; None where the front does not come to an end."""
     n = len(points)
     along = points[after] - points
     along /= np.hypot(along[:, 0], along[:, 1])[:, None]
     inward = np.column_stack([-along[:, 1], along[:, 0]])
-    speed = np.ones(n) if speeds is None else speeds
     front: _Front | None = _Front(np.arange(n), points, after, np.arange(n))
     depth, height, run = 0.0, profile[0][1], 0.0
     vertices, runs = [np.column_stack([points, np.full(n, height)])], [np.zeros(n)]
@@ -84,7 +99,7 @@ def raise_roof(
             steps += 1
             if steps > 6 * n + 20:
                 return None
-            moved = _advance(front, inward, along, speed, end - depth)
+            moved = _advance(front, inward, along, speed, end - depth, near)
             if moved is None:
                 return None
             step, xy, event = moved
@@ -92,7 +107,7 @@ def raise_roof(
             depth, raised = (end, level) if last else (depth + step, height + slope * step)
             run += float(np.hypot(step, raised - height))
             height = raised
-            swept = _sweep(front, xy, count) if event else _lift(front, xy, count)
+            swept = _sweep(front, xy, count, near) if event else _lift(front, xy, count)
             if swept is None:
                 return None
             nodes, faces, owners, front = swept
@@ -109,7 +124,7 @@ def raise_roof(
         triangles.append(cap)
         segments.append(np.full(len(cap), CAP))
         edges.append(np.full(len(cap), CAP))
-    roof = Roof(
+    return Roof(
         np.concatenate(vertices),
         np.concatenate(runs),
         np.concatenate(triangles),
@@ -117,18 +132,15 @@ def raise_roof(
         np.concatenate(edges),
         depth,
     )
-    rises = np.array([end > start for (start, _), (end, _) in pairwise(profile)])
-    slopes = (roof.segment == CAP) | (rises[roof.segment] & (speed[roof.edge] > 0.0))
-    return roof if _sound(roof, points, after, slopes) else None
 
 
 def _advance(
-    front: _Front, inward: _Floats, along: _Floats, speed: _Floats, most: float
+    front: _Front, inward: _Floats, along: _Floats, speed: _Floats, most: float, near: float
 ) -> tuple[float, _Floats, bool] | None:
     """How far the front moves until the next event (at most ``most``), where its nodes are then, whether there is an event."""
     if most <= 0.0:
         return 0.0, front.xy, False
-    reach = most + _NEAR  # an event just beyond is one, too
+    reach = most + near  # an event just beyond is one, too
     k = len(front.node)
     before = np.empty(k, dtype=np.int64)
     before[front.after] = np.arange(k)
@@ -158,7 +170,7 @@ def _advance(
             when = gap / closing
         other = np.arange(k)[None] != reflex[:, None]
         other &= np.arange(k)[None] != before[reflex][:, None]
-        meets = other & (closing > 1e-9) & (gap > -_NEAR) & (when < step)
+        meets = other & (closing > 1e-9) & (gap > -near) & (when < step)
         r, e = np.nonzero(meets)
         if len(r):
             at = np.maximum(when[r, e], 0.0)
@@ -166,7 +178,7 @@ def _advance(
             start = front.xy[e] + velocity[e] * at[:, None]
             finish = ahead[e] + velocity[front.after[e]] * at[:, None]
             low, high = ((place - start) * d_own[e]).sum(axis=1), ((finish - place) * d_own[e]).sum(axis=1)
-            step = min(step, float(at[(low > -_NEAR) & (high > -_NEAR)].min(initial=np.inf)))
+            step = min(step, float(at[(low > -near) & (high > -near)].min(initial=np.inf)))
     event, step = step < reach, min(step, most)
     return step, front.xy + velocity * step, event
 
@@ -180,11 +192,11 @@ def _lift(front: _Front, xy: _Floats, count: int) -> tuple[_Floats, _Ints, _Ints
     return xy, faces, np.concatenate([front.edge, front.edge]), _Front(low, xy, front.after, front.edge)
 
 
-def _sweep(front: _Front, xy: _Floats, count: int) -> tuple[_Floats, _Ints, _Ints, _Front | None] | None:
+def _sweep(front: _Front, xy: _Floats, count: int, near: float) -> tuple[_Floats, _Ints, _Ints, _Front | None] | None:
     """New nodes (q, 2) numbered from ``count``, the faces (m, 3) between old and new front, their edges (m,), the new front."""
     k = len(xy)
     apart = np.abs(xy[:, None] - xy[None]).max(axis=2)
-    first = (apart < _NEAR).argmax(axis=1)
+    first = (apart < near).argmax(axis=1)
     chosen, name = np.unique(first, return_inverse=True)
     nodes, ends = xy[chosen], name[front.after]
     a, b, low, high = front.node, front.node[front.after], name, ends
@@ -195,7 +207,7 @@ def _sweep(front: _Front, xy: _Floats, count: int) -> tuple[_Floats, _Ints, _Int
     offset = nodes[None] - nodes[low][:, None]  # (edges, nodes)
     place = (offset * unit[:, None]).sum(axis=2)
     aside = np.abs(offset[..., 0] * unit[:, None, 1] - offset[..., 1] * unit[:, None, 0])
-    on = whole[:, None] & (aside < _NEAR) & (place > _NEAR) & (place < length[:, None] - _NEAR)
+    on = whole[:, None] & (aside < near) & (place > near) & (place < length[:, None] - near)
     on[np.arange(k), low] = on[np.arange(k), high] = False
     split = on.any(axis=1)
     plain = whole & ~split
