@@ -23,10 +23,10 @@ __all__ = ["CAP", "Roof", "fill", "raise_roof"]
 CAP = -1
 """In ``Roof.segment`` and ``Roof.edge``: the level part that closes a roof."""
 
-# Metres: nodes nearer than this are one. Coarse first: roofs over nearly regular outlines have no slivers then.
-_NEAR = (0.02, 1e-4)
+_NEAR = 0.02  # metres: nodes nearer than this are one, so that roofs over nearly regular outlines have no slivers
+_NEAREST = 1e-4  # metres: the same where that fails, and no slivers are left nevertheless
 _FOLD = 1e-4  # metres by which a corner may lie beyond the opposite side
-_SLIM = 2e-3  # metres: a triangle less high than that may lean as it likes
+_SLIM = 5e-3  # metres: a triangle less high than that is a sliver, which may lean as it likes
 _Ints = NDArray[np.int64]
 _Floats = NDArray[np.float64]
 
@@ -69,11 +69,11 @@ def raise_roof(
     """
     speed = np.ones(len(points)) if speeds is None else speeds
     rises = np.array([end > start for (start, _), (end, _) in pairwise(profile)])
-    for near in _NEAR:
+    for near, slim in ((_NEAR, 0.0), (_NEAREST, _SLIM)):
         roof = _raised(points, after, profile, speed, near)
         if roof is not None:
             slopes = (roof.segment == CAP) | (rises[roof.segment] & (speed[roof.edge] > 0.0))
-            if _sound(roof, points, after, slopes):
+            if _sound(roof, points, after, slopes, slim):
                 return roof
     return None
 
@@ -321,8 +321,11 @@ def _with_every_point(faces: _Ints, points: _Floats, after: _Ints) -> _Ints:
     return faces
 
 
-def _sound(roof: Roof, points: _Floats, after: _Ints, slopes: NDArray[np.bool_]) -> bool:
-    """Whether the roof is one unfolded sheet whose border is the outline, all of it, and none of ``slopes`` (m,) is upright."""
+def _sound(roof: Roof, points: _Floats, after: _Ints, slopes: NDArray[np.bool_], slim: float) -> bool:
+    """Whether the roof is one unfolded sheet whose border is the outline, all of it.
+
+    None of its ``slopes`` (m,) may stand upright, and no triangle may be less than ``slim`` metres high.
+    """
     a, b, c = (roof.vertices[roof.triangles[:, i]] for i in range(3))
     normal = np.cross(b - a, c - a)
     area = normal[:, 2]
@@ -331,7 +334,12 @@ def _sound(roof: Roof, points: _Floats, after: _Ints, slopes: NDArray[np.bool_])
     upright = slopes & (area < 0.2 * whole) & (whole > _SLIM * longest)
     near = points - points[0]
     covered = (near[:, 0] * near[after, 1] - near[:, 1] * near[after, 0]).sum()
-    if (area < -_FOLD * longest).any() or upright.any() or abs(area.sum() - covered) > 1e-4 * covered + 1e-3:
+    if (
+        (area < -_FOLD * longest).any()
+        or upright.any()
+        or (whole < slim * longest).any()
+        or abs(area.sum() - covered) > 1e-4 * covered + 1e-3
+    ):
         return False
     size = len(roof.vertices)
     start, end = roof.triangles.ravel(), np.roll(roof.triangles, -1, axis=1).ravel()
