@@ -226,12 +226,15 @@ def _self_parallax(
     reach = rise
     for k in range(p):
         reach = max(reach, rise + math.hypot(viewpoints[k, 0], viewpoints[k, 1]))
+    seen = np.empty(len(a), dtype=np.bool_)
+    for w in range(len(a)):
+        seen[w] = whence[w].any()
     for one in range(n):
         start, end = first[one], first[one + 1]
         hits, walls = np.empty(end - start), np.empty(end - start, dtype=np.int64)
         most = 0.0
         for w in range(start, end):
-            if not whence[w].any():
+            if not seen[w]:
                 continue
             height = _level(low[w], top[w])
             most = max(most, _along_wall(a[w], b[w], height, texels[w], viewpoints, whence[w]))
@@ -242,7 +245,7 @@ def _self_parallax(
                 x, y = x - turn * y, y + turn * x
                 distance = math.hypot(x, y)
                 ux, uy = x / distance, y / distance
-                count = 0
+                count, nearest = 0, np.inf
                 for i in range(start, end):
                     ca, cb = ux * a[i, 1] - uy * a[i, 0], ux * b[i, 1] - uy * b[i, 0]
                     if (ca > 0.0) == (cb > 0.0):
@@ -251,17 +254,17 @@ def _self_parallax(
                     hit = ux * (a[i, 0] + s * (b[i, 0] - a[i, 0])) + uy * (a[i, 1] + s * (b[i, 1] - a[i, 1]))
                     if hit > 0.0:
                         hits[count], walls[count] = hit, i
-                        count += 1
+                        count, nearest = count + 1, min(nearest, hit)
                 for k in range(p):
                     along[k] = ux * viewpoints[k, 0] + uy * viewpoints[k, 1]
                     aside[k] = ux * viewpoints[k, 1] - uy * viewpoints[k, 0]
                 for i in range(count):
                     back, far = walls[i], hits[i]
-                    if not whence[back].any():
+                    if not seen[back] or not may_exceed(most, nearest, far, reach):
                         continue
                     if ends[back]:  # how far its roof or underside runs within a texel
                         level = bottom[back] if bottom[back] > -rise else top[back]
-                        near = max(far - far * far * texels[back] / max(abs(level), 1e-6), hits[:count].min())
+                        near = max(far - far * far * texels[back] / max(abs(level), 1e-6), nearest)
                         if may_exceed(most, near, far, reach):
                             slope = level / far
                             most = max(most, _widest(near, far, slope, slope, along, aside, whence[back], rise))
