@@ -12,6 +12,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from citygen.networks import Network
 from citygen.ragged import are_convex, cut, following, from_rings, oriented_boxes, pairs, to_rings
@@ -242,13 +243,13 @@ def _distinct(xy: NDArray[np.float64], ring: _Owners) -> tuple[NDArray[np.float6
 
 def _gathered(xy: NDArray[np.float64]) -> NDArray[np.float64]:
     """The points (n, 2), each moved to the first of those that it nearly meets."""
-    places, which = np.unique(xy, axis=0, return_inverse=True)
-    points = shapely.points(places)
-    one, other = shapely.STRtree(points).query(points, predicate="dwithin", distance=_NEAR)
-    links = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(len(places), len(places)))
+    _, start, which = np.unique(xy @ np.array([1.0, 1j]), return_index=True, return_inverse=True)
+    places = xy[start]
+    pairs = cKDTree(places).query_pairs(_NEAR, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(len(places), len(places)))
     _, group = connected_components(links, directed=False)
     _, first = np.unique(group, return_index=True)
-    return np.asarray(places[first[group[which.reshape(-1)]]])
+    return np.asarray(places[first[group[which]]])
 
 
 def _polygons(shapes: _Polygons, owners: _Owners) -> tuple[_Polygons, _Owners]:
