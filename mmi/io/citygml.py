@@ -154,8 +154,10 @@ def _at_level(
     """The polygons of a building and its parts at the level of detail wanted, or the highest. ``targets``: of links."""
     whole = _Part()
     parts: list[_Part] = []
+    links: list[tuple[str, int, _Part, bool]] = []
+    known: set[tuple[str, int, int, bool]] = set()
 
-    def walk(element: ElementTree.Element, level: int, part: _Part, turned: bool, links: frozenset[str]) -> None:
+    def walk(element: ElementTree.Element, level: int, part: _Part, turned: bool, linked: bool) -> None:
         local = _local(element)
         if local in ("BuildingPart", "BuildingInstallation"):
             part = _Part()
@@ -164,7 +166,7 @@ def _at_level(
         level = int(stated.group(1)) if stated else level
         if local in ("Polygon", "Triangle", "Rectangle"):
             if level > 0:
-                (part.linked if links else part.own).setdefault(level, []).append((element, turned))
+                (part.linked if linked else part.own).setdefault(level, []).append((element, turned))
             return
         if local in ("Room", "IntBuildingInstallation") or "TerrainIntersection" in local or "RoofEdge" in local:
             return
@@ -174,12 +176,16 @@ def _at_level(
         turned ^= local == "OrientableSurface" and element.attrib.get("orientation") == "-"
         link = next((value for key, value in element.attrib.items() if key.rpartition(":")[2] == "href"), "")
         target = link.lstrip("#")
-        if level > 0 and target in targets and target not in links:
-            walk(targets[target], level, part, turned, links | {target})
+        if level > 0 and target in targets and (target, level, id(part), turned) not in known:
+            known.add((target, level, id(part), turned))
+            links.append((target, level, part, turned))
         for child in element:
-            walk(child, level, part, turned, links)
+            walk(child, level, part, turned, linked)
 
-    walk(building, 0, whole, False, frozenset())
+    walk(building, 0, whole, False, False)
+    while links:  # which may lead to more, or in a circle: each is followed once
+        target, level, part, turned = links.pop()
+        walk(targets[target], level, part, turned, True)
     found = {level for part in (whole, *parts) for level in (*part.own, *part.linked)}
     if not found:
         return []

@@ -191,6 +191,25 @@ def test_links_in_a_circle_or_to_nothing_show_nothing(tmp_path):
     assert len(layer.items[0].mesh.triangles) == 12
 
 
+@pytest.mark.parametrize("many", [1, 2])
+def test_links_to_links_are_followed_once_however_long_the_chain(many, tmp_path):
+    """A thousand surfaces in a row, each of which is the next one, ``many`` times."""
+    chain = "".join(
+        f'<gml:CompositeSurface gml:id="s{i}">'
+        + many * f'<gml:surfaceMember xlink:href="#s{i + 1}"/>'
+        + "</gml:CompositeSurface>"
+        for i in range(1000)
+    )
+    last = f'<gml:CompositeSurface gml:id="s1000">{members(faces(box_at(), "a"))}</gml:CompositeSurface>'
+    store = (
+        f"<bldg:lod1MultiSurface><gml:MultiSurface>{members([chain, last])}</gml:MultiSurface></bldg:lod1MultiSurface>"
+    )
+    first = '<gml:Solid><gml:exterior xlink:href="#s0"/></gml:Solid>'
+    text = model(building("a", store), building("b", f"<bldg:lod2Solid>{first}</bldg:lod2Solid>"))
+    layer, _ = read(text, tmp_path)
+    assert {item.id: len(item.mesh.triangles) for item in layer.items} == {"a": 12, "b": 12}
+
+
 def test_shapes_in_coordinates_of_their_own_are_left_out(tmp_path):
     shape = f"<gml:MultiSurface>{members(faces(box_at(), 'd'))}</gml:MultiSurface>"
     shape = (
