@@ -60,9 +60,8 @@ def cornices(outline: Outline, look: Look, *, flat: bool) -> Bodies | None:
     low, high, out = (np.repeat(column, len(open_)) for column in np.array(bands).T)
     edge = np.tile(open_, len(bands))
     start, end = _mitres(outline)
-    roomy = (
-        outline.length[edge] + (start[edge] + end[edge]) * out > 0.05
-    )  # between corners inwards a short one would fold
+    # Between two corners inwards a short one would fold.
+    roomy = outline.length[edge] + (start[edge] + end[edge]) * out > 0.05
     low, high, out, edge = low[roomy], high[roomy], out[roomy], edge[roomy]
     if not len(edge):
         return None

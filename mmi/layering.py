@@ -144,14 +144,11 @@ def layers_greedy(graph: nx.Graph, strategy: str) -> Layers:
 
     ``largest-first``: nodes of most neighbours first. ``smallest-last`` (Matula, Beck 1983): last the node of fewest
     neighbours, before it the one of fewest among the others, and so on. ``dsatur`` (Brelaz 1979): next the node whose
-    neighbours are in most layers, of those one of most neighbours. Ties go by the graph's order. They are networkx's
-    colourings (which take a tenth of a second for a few hundred nodes).
+    neighbours are in most layers, of those one of most neighbours. Ties go by the graph's order. The colourings are
+    those of ``networkx.greedy_color``, smallest-last but for ties, in a fraction of the time.
     """
     nodes = np.array(graph, dtype=np.int64)
-    row = {node: i for i, node in enumerate(graph)}
-    joined = np.zeros((len(nodes), len(nodes)), dtype=np.bool_)
-    for a, b in graph.edges:
-        joined[row[a], row[b]] = joined[row[b], row[a]] = True
+    joined = nx.to_numpy_array(graph, weight=None, dtype=np.bool_)
     degrees = joined.sum(axis=1)
     if strategy == "dsatur":
         colors = _saturated(joined, degrees)

@@ -299,6 +299,12 @@ def _panorama(
 
 
 @njit(cache=True, error_model="numpy")
+def _row(height: float, down: int) -> int:
+    """The first row whose centre is not below ``height``, in rows above the eye, where row ``down`` begins."""
+    return math.ceil(height - 0.5) + down
+
+
+@njit(cache=True, error_model="numpy")
 def _look(
     bottom: NDArray[np.float64],
     top: NDArray[np.float64],
@@ -332,8 +338,8 @@ def _look(
             distance, w = distances[entry], walls[entry]
             if sought[w] and layer[owner[w]] >= 0:
                 last = entry
-                least = min(least, max(math.ceil(bottom[w] / distance / row - 0.5) + down, 0))
-                most = max(most, min(math.ceil(top[w] / distance / row - 0.5) + down, rows))
+                least = min(least, max(_row(bottom[w] / distance / row, down), 0))
+                most = max(most, min(_row(top[w] / distance / row, down), rows))
         if least >= most:
             continue
         ux, uy = rays[c]
@@ -343,8 +349,8 @@ def _look(
             if to_row - from_row == most - least:
                 break
             distance, w = distances[entry], walls[entry]
-            lowest = max(math.ceil(bottom[w] / distance / row - 0.5) + down, least)
-            highest = min(math.ceil(top[w] / distance / row - 0.5) + down, most)
+            lowest = max(_row(bottom[w] / distance / row, down), least)
+            highest = min(_row(top[w] / distance / row, down), most)
             if from_row <= lowest <= to_row:
                 lowest = to_row
             if from_row <= highest <= to_row:
@@ -371,8 +377,8 @@ def _look(
                 other, t = captured_walls[k], captured_distances[k]
                 if layer[owner[other]] != mine:
                     continue
-                begin = max(math.ceil(bottom[other] / t * scale - 0.5) + down, first)
-                stop = min(math.ceil(top[other] / t * scale - 0.5) + down, end)
+                begin = max(_row(bottom[other] / t * scale, down), first)
+                stop = min(_row(top[other] / t * scale, down), end)
                 if begin >= stop:
                     continue
                 there, lag = other == w and faces[w], 0.0

@@ -36,22 +36,22 @@ def without_needles(mesh: TriangleMesh) -> TriangleMesh:
         if not len(slim) and keep.all():
             return mesh
         normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-12)[:, None]
-        needle = height[slim] < _HEIGHT
-        for turn in (1, 2, 0):  # last the longest side, where the neighbour is divided
-            other, side = _across(place, keep, slim, (sides[slim].argmax(axis=1) + turn) % 3)
-            needle |= (other >= 0) & ((normal[slim] * normal[other]).sum(axis=1) < -0.99)
+        from_longest = (sides[slim].argmax(axis=1)[:, None] + np.arange(3)) % 3
+        beyond, shared = _across(place, keep, slim[:, None], from_longest)
+        folded = (beyond >= 0) & ((normal[slim, None] * normal[beyond]).sum(axis=2) < -0.99)
+        needle = (height[slim] < _HEIGHT) | folded.any(axis=1)
         if not needle.any() and keep.all():
             return mesh
-        firm = needle & ~np.isin(other, slim[needle])
+        firm = needle & ~np.isin(beyond[:, 0], slim[needle])
         needle = firm if firm.any() else needle
-        mesh = _divided(mesh, sides, keep, slim[needle], other[needle], side[needle])
+        mesh = _divided(mesh, sides, keep, slim[needle], beyond[needle, 0], shared[needle, 0])
     return mesh
 
 
 def _across(
     place: NDArray[np.int64], keep: NDArray[np.bool_], which: NDArray[np.int64], side: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The triangles beyond sides ``side`` (k,) of ``which`` (k,), -1 where there is none, and which of their sides that is."""
+    """The triangles beyond ``side`` of ``which`` (they broadcast), -1 where there is none, and which of their sides that is."""
     size = int(place.max()) + 1 if place.size else 1
     key = (place * size + np.roll(place, -1, axis=1)).ravel()
     key[~np.repeat(keep, 3)] = -1
