@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from mmi.cells import ViewingCell
 from mmi.city import City
+from mmi.cuts import cut_objects
 from mmi.displacement import displacement
 from mmi.errors import ParameterError
 from mmi.impostor import Impostor, Layer
@@ -116,16 +117,23 @@ class CellPlan:
 
 
 def landmark_factors(city: City, parameters: BuildParameters) -> dict[int, float]:
-    """Index of each landmark -> its factor. Raises ParameterError for a landmark that is not there."""
-    index = city.index()
+    """Index of each landmark, or of each of its parts -> its factor. Raises ParameterError for a landmark that is not there."""
+    named: dict[str, list[int]] = {}
+    for i, one in enumerate(city.objects):
+        for name in {one.id, one.part_of or one.id}:
+            named.setdefault(name, []).append(i)
     for name, _ in parameters.landmarks:
-        if name not in index:
+        if name not in named:
             raise ParameterError(f"landmark {name}: an object of {city.source} expected, found none of this id")
-    return {index[name]: factor for name, factor in parameters.landmarks}
+    return {i: factor for name, factor in parameters.landmarks for i in named[name]}
 
 
 def prepare_scene(city: City, parameters: BuildParameters) -> Scene:
-    """Prepare ``city`` for planning and capturing its cells. Raises ParameterError for a landmark that is not there."""
+    """Prepare ``city`` for planning and capturing its cells; long objects are cut (:mod:`mmi.cuts`).
+
+    Raises ParameterError for a landmark that is not there.
+    """
+    city = cut_objects(city, parameters.longest_object)
     landmarks = landmark_factors(city, parameters)
     mesh, walls = build_city_mesh(city), walls_of(city)
     if parameters.near_triangles is None:

@@ -144,13 +144,15 @@ class CityObject:
 
     ``prisms`` bound the object: no point of it lies outside them. ``core`` are prisms that lie inside it (None: its
     prisms, and nothing for an object drawn as ``mesh``), see ``occluders``. ``id`` is unique in its city and stable
-    between readings of the same file (``way/123``), so that a dataset can tell what changed.
+    between readings of the same file (``way/123``), so that a dataset can tell what changed. ``part_of`` is the id of the
+    object that this one was cut from (:mod:`mmi.cuts`).
     """
 
     id: str
     prisms: tuple[Prism, ...]
     mesh: TriangleMesh | None = None
     core: tuple[Prism, ...] | None = None
+    part_of: str | None = None
     footprint: BaseGeometry = field(init=False)
     """Union of the prisms' footprints: Polygon or MultiPolygon, metres."""
 

@@ -144,6 +144,13 @@ def _build_parser() -> Parser:
         default=default.layering,
         help="single: one layer for all, which keeps no bound on the error (default: %(default)s)",
     )
+    method.add_argument(
+        "--longest-object",
+        type=float,
+        metavar="M",
+        help="cut longer objects by vertical planes, so that what is far of them can be far; 0 cuts none (default: "
+        f"{default.longest_object:g}, 0 with --objects blocks)",
+    )
     near = method.add_mutually_exclusive_group()
     near.add_argument(
         "--near-distance",
@@ -271,6 +278,7 @@ def _parameters(options: argparse.Namespace) -> BuildParameters:
             camera=Camera(width, height, math.radians(options.fov)),
             near_distance=options.near_distance,
             near_triangles=options.near_triangles,
+            longest_object=_longest(options),
             visibility=options.visibility,
             weights=options.weights,
             layering=options.layering,
@@ -292,6 +300,12 @@ def _parameters(options: argparse.Namespace) -> BuildParameters:
                 name, f"--{name.replace('_', '-')}"
             )
         raise ParameterError(f"{name}{colon}{rest}") from None
+
+
+def _longest(options: argparse.Namespace) -> float | None:
+    if options.longest_object is None:
+        return None if options.objects == "blocks" else BuildParameters().longest_object
+    return options.longest_object or None
 
 
 def _print_report(talk: Console, report: CityReport) -> None:

@@ -24,6 +24,7 @@ from mmi.build import landmark_factors
 from mmi.cellfiles import city_glb
 from mmi.cells import spread, viewing_cells
 from mmi.city import City
+from mmi.cuts import cut_objects
 from mmi.dataset import FORMAT_VERSION, DatasetFolder, build_folder, readable_json, with_checksum
 from mmi.errors import DatasetError, ParameterError
 from mmi.parameters import BuildParameters
@@ -98,6 +99,7 @@ def build_dataset(
         raise ParameterError(f"a number of workers of at least 1 expected, found {workers}")
     start = time.perf_counter()
     graph, names = cells_to_build(city, parameters, cells=cells, max_cells=max_cells)
+    city = cut_objects(city, parameters.longest_object)
     with build_folder(Path(out)) as folder:
         stored = city_to_json(city)
         settings = {"format": FORMAT_VERSION, "version": package_version(), "parameters": parameters.as_dict()}

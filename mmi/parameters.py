@@ -33,6 +33,8 @@ class BuildParameters:
     """Objects nearer to the cell than this stay geometry (unless ``near_triangles`` is given)."""
     near_triangles: int | None = None
     """A budget: the nearest objects stay geometry as long as they have no more triangles than this together."""
+    longest_object: float | None = 40.0
+    """Longer objects are cut into parts (:mod:`mmi.cuts`); None cuts nothing."""
     steepest: float = 2.0
     """Objects that reach above this slope (height over distance) from the cell stay geometry."""
     visibility: str = "horizon"
@@ -71,6 +73,8 @@ class BuildParameters:
         expect(0.0 < self.max_error_px <= largest, "max_error_px", f"a number of pixels above 0 and up to {largest:g}")
         expect(0.0 < self.near_distance < math.inf, "near_distance", "a positive length in metres")
         expect(self.near_triangles is None or self.near_triangles >= 0, "near_triangles", "a number of 0 or more")
+        longest = self.longest_object
+        expect(longest is None or 10.0 <= longest < math.inf, "longest_object", "10 metres or more, or none,")
         for name in ("max_layers", "max_triangles", "max_bytes"):
             expect(getattr(self, name) is None or getattr(self, name) >= 1, name, "a number of 1 or more")
         expect(0.1 <= self.steepest <= 10.0, "steepest", "a slope from 0.1 to 10")

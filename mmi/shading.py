@@ -79,11 +79,18 @@ class Looks:
 
 
 def looks_of(objects: Sequence[CityObject]) -> Looks:
-    """Styles, tints and first bays, from digests of the ids: what other objects there are changes nothing."""
-    digests = b"".join(hashlib.blake2b(one.id.encode(), digest_size=8).digest() for one in objects)
-    dice = np.frombuffer(digests, dtype=np.uint8).reshape(-1, 8).astype(np.int64)
-    height = np.array([one.height for one in objects])
-    area = shapely.area([one.footprint for one in objects])
+    """Styles, tints and first bays, from digests of the ids: what other objects there are changes nothing.
+
+    Parts of one object (``CityObject.part_of``) look alike: as the whole did.
+    """
+    names, whole = np.unique([one.part_of or one.id for one in objects], return_inverse=True)
+    digests = b"".join(hashlib.blake2b(str(name).encode(), digest_size=8).digest() for name in names)
+    dice = np.frombuffer(digests, dtype=np.uint8).reshape(-1, 8).astype(np.int64)[whole]
+    base, top = np.full(len(names), np.inf), np.full(len(names), -np.inf)
+    np.minimum.at(base, whole, [one.base for one in objects])
+    np.maximum.at(top, whole, [one.top for one in objects])
+    height = (top - base)[whole]
+    area = np.bincount(whole, shapely.area([one.footprint for one in objects]), minlength=len(names))[whole]
     size = np.where(height > 60.0, 3, np.where(height > 30.0, 2, np.where(area > 1800.0, 1, 0))).astype(np.int64)
     style = (dice[:, :1] / 256.0 >= _STYLE_SHARES[size]).sum(axis=1)
     tint = np.stack(_TINTS)[style, dice[:, 1] % 6] * (0.93 + 0.07 * dice[:, 2:3] / 255.0)

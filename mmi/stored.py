@@ -147,6 +147,8 @@ def _objects_to_dicts(objects: tuple[CityObject, ...]) -> Iterator[dict[str, Any
         stored: dict[str, Any] = {"id": one.id, "prisms": _prisms_to_dicts(one.prisms, rings)}
         if one.core is not None:
             stored["core"] = _prisms_to_dicts(one.core, rings)
+        if one.part_of is not None:
+            stored["part_of"] = one.part_of
         if one.mesh is not None:
             stored["mesh"] = {name: _packed(getattr(one.mesh, name)) for name, _ in _MESH}
         yield stored
@@ -168,13 +170,15 @@ def _rings(polygons: list[Polygon]) -> Iterator[list[list[list[float]]]]:
 
 def _object_from_dict(stored: dict[str, Any]) -> CityObject:
     mesh, core = stored.get("mesh"), stored.get("core")
-    if not isinstance(stored["id"], str):
-        raise ValueError(f"an object's id as text expected, found {stored['id']!r}")
+    part_of = stored.get("part_of")
+    if not isinstance(stored["id"], str) or not isinstance(part_of, str | None):
+        raise ValueError(f"an object's id as text expected, found {stored['id']!r}, part of {part_of!r}")
     return CityObject(
         id=stored["id"],
         prisms=_prisms_from_dicts(stored["prisms"]),
         mesh=None if mesh is None else TriangleMesh(*(_unpacked(mesh[name], kind) for name, kind in _MESH)),
         core=None if core is None else _prisms_from_dicts(core),
+        part_of=part_of,
     )
 
 
