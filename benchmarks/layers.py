@@ -19,6 +19,7 @@ import numpy as np
 
 from mmi.build import plan_cell, prepare_scene
 from mmi.cells import spread, viewing_cells
+from mmi.cuts import cut_objects
 from mmi.io import read_city
 from mmi.layering import assign_layers, layer_area, panorama_boxes
 from mmi.parameters import BuildParameters
@@ -71,6 +72,7 @@ def main() -> None:
     options = parser.parse_args()
     for path in options.cities:
         city, _ = read_city(path)
+        city = cut_objects(city, BuildParameters().longest_object)
         scene = prepare_scene(city, BuildParameters(max_error_px=options.max_error, weights=options.weights))
         graph = viewing_cells(city)
         layers: dict[str, list[int]] = {name: [] for name in STRATEGIES}

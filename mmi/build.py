@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from mmi.cells import ViewingCell
 from mmi.city import City
-from mmi.cuts import cut_objects
 from mmi.displacement import displacement
 from mmi.errors import ParameterError
 from mmi.impostor import Impostor, Layer
@@ -129,11 +128,10 @@ def landmark_factors(city: City, parameters: BuildParameters) -> dict[int, float
 
 
 def prepare_scene(city: City, parameters: BuildParameters) -> Scene:
-    """Prepare ``city`` for planning and capturing its cells; long objects are cut (:mod:`mmi.cuts`).
+    """Prepare ``city``, whose long objects are cut already (:mod:`mmi.cuts`), for planning and capturing its cells.
 
     Raises ParameterError for a landmark that is not there.
     """
-    city = cut_objects(city, parameters.longest_object)
     landmarks = landmark_factors(city, parameters)
     mesh, walls = build_city_mesh(city), walls_of(city)
     if parameters.near_triangles is None:

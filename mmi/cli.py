@@ -264,7 +264,7 @@ def _build(options: argparse.Namespace) -> None:
             progress=advance,
         )
     with suppress(SystemExit):
-        _print_summary(talk, summary, options.output)
+        _print_summary(talk, summary, options.output, parameters)
     if options.json:
         print(json.dumps({"city": report.as_dict(), "build": _plain(summary)}, indent=1))
 
@@ -340,7 +340,9 @@ _MOST_CELLS = 5
 """Cells over budget that are named one by one."""
 
 
-def _print_summary(talk: Console, summary: BuildSummary, out: Path) -> None:
+def _print_summary(talk: Console, summary: BuildSummary, out: Path, parameters: BuildParameters) -> None:
+    if summary.parts:
+        talk.print(f"{summary.parts} parts of objects longer than {parameters.longest_object:g} m")
     made = [f"{summary.built} cells built"]
     if summary.complete:
         made.append(f"{summary.complete} were complete")

@@ -8,7 +8,6 @@ into closed ones (walls along a cut are those of neighbours that touch), meshes 
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -58,9 +57,7 @@ class _Grid:
         self.cuts = [(axis, k * self.steps[axis]) for axis in (0, 1) for k in range(1, self.counts[axis])]
         self.lines = MultiLineString(
             [
-                LineString(
-                    [self.origin + at * self.axes[axis] + t * beyond * self.axes[1 - axis] for t in (-0.5, 1.5)]
-                )
+                LineString([self.origin + at * self.axes[axis] + t * beyond * self.axes[1 - axis] for t in (-0.5, 1.5)])
                 for axis, at in self.cuts
             ]
         )
@@ -150,7 +147,8 @@ def _cut_along(mesh: TriangleMesh, side: NDArray[np.float64]) -> TriangleMesh:
     rows = np.flatnonzero(cut)
     # First comes the corner that is alone on its side; where another lies on the cut, that one.
     on = signs[rows] == 0
-    lonely = np.where(on.any(axis=1), np.argmax(on, axis=1), np.argmax(signs[rows] == -np.sign(signs[rows].sum(axis=1, keepdims=True)), axis=1))
+    alone = signs[rows] == -np.sign(signs[rows].sum(axis=1, keepdims=True))
+    lonely = np.argmax(np.where(on.any(axis=1, keepdims=True), on, alone), axis=1)
     turn = (lonely[:, None] + np.arange(3)) % 3
     corners = np.take_along_axis(mesh.triangles[rows], turn, axis=1).astype(np.int64)
     uv = np.take_along_axis(mesh.uv[rows], turn[..., None], axis=1).astype(np.float64)

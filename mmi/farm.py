@@ -47,6 +47,8 @@ class BuildSummary:
     peak_memory_bytes: int
     workers: int
     stages: dict[str, float]
+    parts: int
+    """Objects that are parts of longer ones (:mod:`mmi.cuts`)."""
     cut: int
     """Cells that were cut in halves to keep the budgets."""
     over_budget: dict[str, dict[str, tuple[int, int]]]
@@ -125,7 +127,8 @@ def build_dataset(
         manifest = _manifest(parameters, shared, entries)
         folder.write("manifest.json", readable_json(manifest))
         complete = len({whole_of(name) for name in current} & set(names) - {whole_of(job.cell.id) for job in pending})
-        summary = _summary(done, complete, parameters, manifest, time.perf_counter() - start, workers)
+        parts = sum(one.part_of is not None for one in city.objects)
+        summary = _summary(done, complete, parameters, manifest, time.perf_counter() - start, workers, parts)
         folder.write("build.json", readable_json(_build_json(summary)))
     return summary
 
@@ -191,6 +194,7 @@ def _summary(
     manifest: dict[str, Any],
     seconds: float,
     workers: int,
+    parts: int,
 ) -> BuildSummary:
     stages: dict[str, float] = {}
     peaks: dict[int, int] = {os.getpid(): peak_memory()}
@@ -211,6 +215,7 @@ def _summary(
         peak_memory_bytes=sum(peaks.values()),
         workers=workers,
         stages=stages,
+        parts=parts,
         cut=cut,
         over_budget={cell: costs for cell, costs in over.items() if costs},
     )

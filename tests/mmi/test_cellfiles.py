@@ -27,7 +27,7 @@ from mmi.impostor import GridMesh, LayerPicture
 from mmi.parameters import BuildParameters
 from mmi.surfaces import build_city_mesh
 
-PARAMETERS = BuildParameters(near_distance=30.0, camera=Camera(128, 128, 1.0), cell_length=80.0)
+PARAMETERS = BuildParameters(near_distance=30.0, camera=Camera(128, 128, 1.0), cell_length=80.0, longest_object=None)
 
 
 @pytest.fixture(scope="module")

@@ -121,6 +121,8 @@ def refusal(capsys, *arguments, program=build_impostors):
         ("--near-distance nan", "--near-distance: a positive length"),
         ("--near-distance inf", "--near-distance: a positive length"),
         ("--near-triangles -1", "--near-triangles: a number of 0 or more expected, found -1"),
+        ("--longest-object 9", "--longest-object: 10 metres or more, or none, expected, found 9.0"),
+        ("--longest-object nan", "--longest-object: 10 metres or more, or none, expected, found nan"),
         ("--cell-length 0", "--cell-length: 5 to 500 metres expected, found 0"),
         ("--cell-length nan", "--cell-length: 5 to 500 metres expected"),
         ("--clip 10,49,9,48", "--clip: expected west < east and south < north in degrees"),
@@ -352,6 +354,27 @@ def test_the_report_says_what_was_read_and_made(capsys, city, dataset):
     assert re.search(r"read +buildings +6", out)
     assert "0 cells built, 6 were complete" in out
     assert f"{dataset}: 6 cells" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "longest", "objects"),
+    [
+        ([], 40.0, None),
+        (["--longest-object", "50"], 50.0, 6),
+        (["--longest-object", "25"], 25.0, 12),
+        (["--longest-object", "0"], None, 6),
+        (["--objects", "blocks"], None, 6),
+        (["--objects", "blocks", "--longest-object", "25"], 25.0, 12),
+    ],
+)
+def test_long_objects_are_cut_as_asked_for(capsys, city, tmp_path, options, longest, objects):
+    """Houses of the town are 40 m long, but for rounding."""
+    status, out, _ = run(capsys, build_impostors, city, "-o", tmp_path / "out", "--max-cells", "1", *options, *SMALL)
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert status == 0
+    assert manifest["parameters"]["longest_object"] == longest
+    assert objects in (None, manifest["city"]["objects"])
+    assert ("12 parts of objects longer than 25 m" in out) == (objects == 12)
 
 
 def test_quiet_prints_nothing(capsys, city, dataset):

@@ -21,7 +21,7 @@ from mmi.errors import DatasetError, ParameterError
 from mmi.farm import build_dataset, cells_to_build
 from mmi.parameters import BuildParameters
 
-PARAMETERS = BuildParameters(near_distance=30.0, camera=Camera(128, 128, 1.0), cell_length=80.0)
+PARAMETERS = BuildParameters(near_distance=30.0, camera=Camera(128, 128, 1.0), cell_length=80.0, longest_object=None)
 
 
 def contents(folder):

@@ -98,6 +98,7 @@ def test_no_field_takes_any_value(documents, name):
             for wrong in (None, [None], True):
                 if wrong is None and key in (
                     "near_triangles",
+                    "longest_object",
                     "promised_error_px",
                     "missed_px",
                     "max_layers",

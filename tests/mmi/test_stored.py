@@ -17,6 +17,7 @@ from model_cities import model_city
 from shapely.geometry import box
 
 from mmi.city import City, CityObject, Prism, Texture, TriangleMesh
+from mmi.cuts import cut_objects
 from mmi.errors import CityError
 from mmi.stored import canonical_json, city_from_json, city_to_json, object_fingerprints
 
@@ -36,7 +37,7 @@ def cored_city():
 
 
 def assert_same(one: City, other: City) -> None:
-    assert [o.id for o in one.objects] == [o.id for o in other.objects]
+    assert [(o.id, o.part_of) for o in one.objects] == [(o.id, o.part_of) for o in other.objects]
     for a, b in zip(one.objects, other.objects, strict=True):
         for mine, theirs in ((a.prisms, b.prisms), (a.core, b.core)):
             assert (mine is None) == (theirs is None)
@@ -61,7 +62,16 @@ def assert_same(one: City, other: City) -> None:
     assert mine == theirs
 
 
-@pytest.mark.parametrize("make", [crossroads, model_city, cored_city, lambda: city_of(block("a", 0, 9, 9, 18, 7.0))])
+@pytest.mark.parametrize(
+    "make",
+    [
+        crossroads,
+        model_city,
+        cored_city,
+        lambda: city_of(block("a", 0, 9, 9, 18, 7.0)),
+        lambda: cut_objects(crossroads(), 40.0),
+    ],
+)
 def test_a_stored_city_comes_back_and_is_stored_as_the_same_bytes(make):
     city = make()
     data = city_to_json(city)

@@ -10,7 +10,7 @@ from mmi.farm import build_dataset
 from mmi.parameters import BuildParameters
 from viewer.scene import open_scene
 
-PARAMETERS = BuildParameters(near_distance=30.0)
+PARAMETERS = BuildParameters(near_distance=30.0, longest_object=None)
 
 
 @pytest.fixture(scope="session")

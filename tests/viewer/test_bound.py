@@ -22,6 +22,7 @@ from mmi.build import build_cell, prepare_scene
 from mmi.camera import Camera, level_view
 from mmi.capture import Capturer
 from mmi.city import CityObject, Prism
+from mmi.cuts import cut_objects
 from mmi.parameters import BuildParameters
 from mmi.thickness import thickness
 
@@ -409,6 +410,19 @@ def test_it_holds_for_a_low_roof():
 @pytest.mark.parametrize("degrees", [-20.0, 10.0, 30.0])
 def test_it_holds_for_walls_that_are_seen_less_edge_on(degrees):
     holds(grazing(degrees), CELL, 5.0, views=8)
+
+
+@pytest.mark.parametrize(("name", "threshold"), [("horseshoes", 2.0), ("horseshoes", 5.0), ("long house", 5.0)])
+def test_it_holds_for_parts_of_long_objects(name, threshold):
+    """Also along the cuts, one part being another object than the next; a part may be far where the whole is near."""
+    city = city_of(solid("long", shapely.box(-30, 6, 170, 20), 15.0), block("beyond", 40, 40, 60, 60, 30.0))
+    city = horseshoes() if name == "horseshoes" else city
+    cut = cut_objects(city, 20.0)
+    whole = built(city, CELL, threshold)
+    impostor = holds(cut, CELL, threshold, views=16)
+    near = {cut.objects[i].part_of or cut.objects[i].id for i in impostor.near}
+    assert near <= {city.objects[i].id for i in whole.near}
+    assert near & {cut.objects[i].part_of for i in impostor.far}
 
 
 def test_a_single_mesh_does_not_keep_it():
