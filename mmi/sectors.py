@@ -74,7 +74,8 @@ def texel_ratios(walls: Walls, index: NDArray[np.int64], cell: ViewingCell) -> N
     foot = np.clip(-np.sum(a * step, axis=1) / np.maximum(np.sum(step * step, axis=1), 1e-12), 0.0, 1.0)
     t = np.stack([*(np.full(len(a), at) for at in (0.0, 1 / 3, 2 / 3, 1.0)), foot])
     points = a + t[..., None] * step
-    outside = np.maximum(np.abs(points) - [0.5 * cell.length, cell.half_width], 0.0)
+    middle = (np.add(cell.p, cell.q) / 2.0 - cell.reference[:2]) @ axes.T
+    outside = np.maximum(np.abs(points - middle) - [0.5 * cell.length, cell.half_width], 0.0)
     from_cell = np.maximum(np.hypot(outside[..., 0], outside[..., 1]), 1.0)
     ratios = np.max(np.hypot(points[..., 0], points[..., 1]) / from_cell, axis=0)
     return np.asarray(np.maximum(ratios, 1.0), dtype=np.float64)
