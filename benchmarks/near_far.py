@@ -5,9 +5,9 @@
 At the same bound on what a picture may miss of its own objects: *tight* keeps as geometry the objects that miss more (and
 what is near or steep anyhow), with long objects cut into parts as a build does it; *whole* is the same without cuts. *Distance*
 keeps all that is no farther than the farthest of these: in the same cell, so that each cell has a distance of its own (which
-takes what tight needs to find it), or in any of the cells, so that one distance serves all. *Paper* has the paper's pair weights
-on top of a distance a cell. The last row is the paper's weights with everything nearer than 60 m as geometry, which keeps no
-such bound: its column says what its objects miss of themselves at most.
+takes what tight needs to find it), or in any of the cells, so that one distance serves all. *Paper* has the paper's weights of
+pairs on top of a distance a cell. The last row is the paper's weights with everything nearer than 60 m as geometry, which keeps
+no such bound: its column says what its objects miss of themselves at most.
 """
 
 from __future__ import annotations

@@ -5,8 +5,9 @@
 
 A walk along the dataset's streets, drawn by all techniques in turn, several times, each time with empty caches: cells come
 from disk while the walk goes on. All draw the same frames, so many a second of the walk that ``local`` draws it in about the
-time that walking takes (``--fps`` says otherwise: fewer frames load the same cells in less time). ``--near`` cuts every triangle of the city into as many as it takes for the median cell to
-have so many triangles of near geometry, as a stand-in for a model with that much detail; impostors do not change by it.
+time that walking takes (``--fps`` says otherwise: fewer frames load the same cells in less time). ``--near`` cuts every
+triangle of the city into as many as it takes for the median cell to have so many triangles of near geometry, as a stand-in
+for a model with that much detail; impostors do not change by it.
 ``--json`` appends the figures as a line.
 """
 
@@ -92,20 +93,18 @@ def main() -> None:
     for name in techniques:
         runs, limit = found[name], 2e-3 * middle[name]
         slow = [frame for run in runs for frame in run if frame.total > limit]
-        print(
-            f"{name}: {len(slow)} of {len(times[name])} frames above twice the median",
-            end="" if name in scenes else "\n",
-        )
-        if name not in scenes:
-            continue
-        loading = [frame for frame in slow if frame.total - frame.waiting - frame.uploading <= limit]
-        waits = [1e3 * frame.waiting for run in runs for frame in run if frame.waiting > 0.0]
-        first = [1e3 * frame.loading for run in runs for frame in run if frame.cut]
-        print(
-            f", {len(loading)} of them for waiting and uploads; {len(waits)} frames waited for a cell{f', at most {max(waits):.0f} ms' if waits else ''}; uploads at most "
-            f"{1e3 * max(frame.uploading for run in runs for frame in run):.1f} ms a frame; "
-            f"the first cell and cells behind cuts took {np.mean(first):.0f} ms each"
-        )
+        told = f"{name}: {len(slow)} of {len(times[name])} frames above twice the median"
+        if name in scenes:
+            loading = [frame for frame in slow if frame.total - frame.waiting - frame.uploading <= limit]
+            waits = [1e3 * frame.waiting for run in runs for frame in run if frame.waiting > 0.0]
+            first = [1e3 * frame.loading for run in runs for frame in run if frame.cut]
+            told += (
+                f", {len(loading)} of them for waiting and uploads; {len(waits)} frames waited for a cell"
+                f"{f', at most {max(waits):.0f} ms' if waits else ''}; uploads at most "
+                f"{1e3 * max(frame.uploading for run in runs for frame in run):.1f} ms a frame; "
+                f"the first cell and cells behind cuts took {np.mean(first):.0f} ms each"
+            )
+        print(told)
     if options.json is not None:
         with options.json.open("a") as file:
             print(json.dumps({"dataset": options.dataset.name, "near": near * side**2, "ms": middle}), file=file)
