@@ -57,8 +57,6 @@ _FINEST_QUAD = 8
 """Texels: rays this close to each other count as one, since a mesh connects them."""
 _MESH_SHARE = 0.5
 """Of the threshold: what a mesh may displace where depth does not jump."""
-_RASTER = 1.0
-"""Pixels that regions may be thicker than the threshold when rehearsed, which is done with the texels' raster."""
 _COLUMNS = 30_000
 """Of rehearsed pictures, around the cell, at most."""
 _REHEARSED = 10.0
@@ -211,7 +209,7 @@ def _rehearsed(scene: Scene, plan: CellPlan) -> CellPlan:
         plan.layers,
         selection.sight,
         pixel=(coarse * width, coarse * height),
-        limit=(parameters.max_error_px + _RASTER) / coarse,
+        limit=parameters.max_error_px / coarse,
     )
     demoted, missed = found.demoted, coarse * found.thickness
     graph = plan.graph.copy()

@@ -84,6 +84,7 @@ def load_cell(scene: Scene, cell: str, *, measured: bool = False, rest: Callable
         max_angle=scene.parameters.max_angle,
         eye_height=max(scene.above_ground(np.array(entry["reference"])), 0.0),
         solids=scene.mesh.positions[triangles_of(scene.mesh, near)] - np.array(entry["reference"]),
+        terrain=scene.terrain,
         rest=rest,
     )
     sizes = [(one.view.window[2] + 2 * BORDER, one.view.window[3] + 2 * BORDER) for one in pictures]

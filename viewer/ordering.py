@@ -4,7 +4,7 @@ A mesh lies off the captured surface where one of its quads spans two objects. T
 are right, and a displacement of the surface within its layer is what the layering bounds. It does harm where something else
 is in between: the z-buffer then lets the wrong one win. This module finds those triangles, from the reference viewpoint:
 between a texel's captured depth and its mesh lies the ground, or, within the largest displacement around it, a surface of
-another layer, or of an object that is drawn as geometry (a drum around a tower: one may be a layer, the other near).
+another layer, of an object that is drawn as geometry (a drum around a tower: one may be a layer, the other near), or of hills.
 
 Surfaces are compared in a coarse panorama around the reference viewpoint: bins of azimuth and slope, each with the range of
 horizontal distances that a layer covers there.
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from mmi.camera import View
 from mmi.impostor import GridMesh
+from mmi.terrain import Terrain
 
 __all__ = ["CapturedLayer", "out_of_order"]
 
@@ -31,6 +32,8 @@ _MOST_BINS = 512
 """Of azimuth; bins are as wide as the largest displacement, unless that takes more of them."""
 _AROUND = 2
 """Bins around a texel in which other surfaces count: its own may lie anywhere in its bin, and move by one."""
+_MOST_STEPS = 1024
+"""Away from the eye, in which the ground is looked at."""
 _GROUND_PX = 0.5
 """Pixels of the capture by which the line where ground and surface meet may be wrong."""
 
@@ -51,12 +54,14 @@ def out_of_order(
     max_angle: float,
     eye_height: float,
     solids: NDArray[np.float64] | None = None,
+    terrain: Terrain | None = None,
     rest: Callable[[], None] = lambda: None,
 ) -> list[NDArray[np.bool_]]:
     """For each picture, (m,) whether its triangles need captured depths. All are level views from one eye.
 
-    ``max_angle`` radians is the largest displacement between layers, ``eye_height`` metres that of the eye above the ground.
-    ``solids`` (t, 3, 3) are the triangles of near objects, metres from the eye. ``rest`` is called between pictures.
+    ``max_angle`` radians is the largest displacement between layers, ``eye_height`` metres that of the eye above level ground
+    where there is no ``terrain``. ``solids`` (t, 3, 3) are the triangles of near objects, metres from the eye. ``rest`` is
+    called between pictures.
     """
     if not pictures:
         return []
@@ -66,11 +71,15 @@ def out_of_order(
     low = min(float(slope.min()) for _, _, slope in rays)
     rows = int((max(float(slope.max()) for _, _, slope in rays) - low) / step) + 1
     names = sorted({one.layer for one in pictures})
-    # The last is for what is drawn as geometry.
-    near = np.full((len(names) + 1, rows, count), np.inf, dtype=np.float32)
-    far = np.zeros((len(names) + 1, rows, count), dtype=np.float32)
+    # The last two are for what is drawn as geometry: near objects, and hills.
+    near = np.full((len(names) + 2, rows, count), np.inf, dtype=np.float32)
+    far = np.zeros((len(names) + 2, rows, count), dtype=np.float32)
     if solids is not None:
-        _cover_with(solids, low, step, near[-1], far[-1])
+        _cover_with(solids, low, step, near[-2], far[-2])
+    if terrain is not None:
+        reach = max(float(one.depth.max(initial=0.0, where=np.isfinite(one.depth))) for one in pictures)
+        heights, apart = _heights_around(terrain, pictures[0].view.eye, count, 2.0 * reach)
+        _cover_with_ground(heights, apart, low, step, near[-1], far[-1])
     bins = [
         ((azimuth / step).astype(np.int64) % count, stretch, ((slope - low) / step).astype(np.int64))
         for azimuth, stretch, slope in rays
@@ -85,7 +94,7 @@ def out_of_order(
         corners = one.mesh.uv.astype(np.float64) * one.depth.shape[::-1]
         nearness = 1.0 / one.view.project(one.mesh.vertices.astype(np.float64))[:, 2]  # linear in the picture
         below = one.view.pixel_centres()[1] > 0.0
-        bend = np.where(below, eye_height * one.view.focal / _GROUND_PX, 0.0)
+        bend = np.where(below & (terrain is None), eye_height * one.view.focal / _GROUND_PX, 0.0)
         own = names.index(one.layer)
         rest()
         found.append(_harmed(corners, nearness, one.mesh.triangles, one.depth, *where, bend, own, near, far))
@@ -150,6 +159,37 @@ def _cover_with(
             for c in range(begin, min(end, begin + columns - 1) + 1):
                 near[r, c % columns] = min(near[r, c % columns], np.float32(least))
                 far[r, c % columns] = max(far[r, c % columns], np.float32(most))
+
+
+def _heights_around(
+    terrain: Terrain, eye: NDArray[np.float64], count: int, reach: float
+) -> tuple[NDArray[np.float64], float]:
+    """(count, n) metres of the ground above the eye, in the middle of ``count`` bins of azimuth, every so many metres."""
+    apart = max(terrain.spacing, reach / _MOST_STEPS)
+    azimuth = (np.arange(count) + 0.5) * 2.0 * math.pi / count
+    away = apart * np.arange(1, math.ceil(reach / apart) + 1)
+    points = eye[:2] + away[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)[:, None]
+    return terrain.at(points) - eye[2], apart
+
+
+@njit(cache=True, nogil=True)
+def _cover_with_ground(
+    heights: NDArray[np.float64],
+    apart: float,
+    low: float,
+    step: float,
+    near: NDArray[np.float32],
+    far: NDArray[np.float32],
+) -> None:
+    """The same for the ground, whose ``heights`` (columns, n) above the eye are told every ``apart`` metres."""
+    for c in range(heights.shape[0]):
+        for k in range(heights.shape[1]):
+            here = heights[c, k] / (apart * (k + 1))
+            last = heights[c, k - 1] / (apart * k) if k > 0 else here
+            begin, end = int(np.floor((min(here, last) - low) / step)), int(np.floor((max(here, last) - low) / step))
+            for r in range(max(begin, 0), min(end, near.shape[0] - 1) + 1):
+                near[r, c] = min(near[r, c], np.float32(apart * k))
+                far[r, c] = max(far[r, c], np.float32(apart * (k + 1)))
 
 
 @njit(cache=True, nogil=True)

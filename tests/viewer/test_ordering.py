@@ -9,6 +9,7 @@ import pytest
 from mmi.camera import level_view
 from mmi.impostor import DepthTexture
 from mmi.meshing import grid_mesh
+from mmi.terrain import Terrain
 from viewer.ordering import CapturedLayer, out_of_order
 
 ANGLE = 10.0 / 443.0
@@ -32,8 +33,8 @@ def captured(layer, view, depth):
     return CapturedLayer(layer, view, mesh, texture.depth)
 
 
-def flagged(*pictures, eye_height=0.0):
-    return out_of_order(pictures, max_angle=ANGLE, eye_height=eye_height)
+def flagged(*pictures, eye_height=0.0, terrain=None):
+    return out_of_order(pictures, max_angle=ANGLE, eye_height=eye_height, terrain=terrain)
 
 
 def texels_of(picture, rows):
@@ -125,6 +126,25 @@ def test_the_ground_comes_between_a_mesh_and_the_foot_of_a_wall():
         assert flags.any() == sinks
         below = (one.mesh.uv[:, 1] * 48 + top)[one.mesh.triangles[flags]].max(axis=1)
         assert (below > 0.0).all(), "only below the horizon"
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "height", "sinks"), [(0.0, 30.0, True), (0.0, 2.0, False), (2.5, 30.0, False), (-2.2, 30.0, False)]
+)
+def test_so_does_a_hill_behind_the_wall(azimuth, height, sinks):
+    """The same, above the horizon, where the ground rises to ``height`` between 45 m and 60 m in a direction."""
+    view = level_view(np.array([3.0, -2.0, 1.7]), 0.0, focal=100.0, window=(-48, -60, 96, 48))
+    depth = np.full((48, 96), 40.0, dtype=np.float32)
+    depth[:, 50:] = 80.0
+    one = replace(captured(0, view, plane(view, 0.01875, -1.3e-4, 0.0)), depth=depth)
+    x, y = np.meshgrid(*[5.0 * np.arange(-40, 41)] * 2)
+    along = (x - 3.0) * math.cos(azimuth) + (y + 2.0) * math.sin(azimuth)
+    terrain = Terrain((-200.0, -200.0), 5.0, height * np.clip((along - 45.0) / 15.0, 0.0, 1.0))
+    flags = flagged(one, eye_height=1.7, terrain=terrain)[0]
+    assert flags.any() == sinks
+    highest = (one.mesh.uv[:, 1] * 48 - 60.0)[one.mesh.triangles[flags]].max(axis=1)
+    steepest = (height - 1.7) / 57.0  # of what the hill can hide
+    assert (-highest / 100.0 <= steepest + 0.1).all()
 
 
 @pytest.mark.parametrize("seed", range(12))
