@@ -3,8 +3,8 @@
     python benchmarks/table1.py out/helsinki --tour 300
     python benchmarks/table1.py out/helsinki --tour 300 --near 100000      # near geometry of 100,000 triangles and more
 
-A walk along the dataset's streets, drawn by all techniques in turn, several times, each time with empty caches: cells come
-from disk while the walk goes on. All draw the same frames, so many a second of the walk that ``local`` draws it in about the
+A walk along the dataset's streets, drawn by all techniques in turn, second by second, with empty caches at the start: cells
+come from disk while the walk goes on. All draw the same frames, as many a second of the walk as ``local`` draws it in about the
 time that walking takes (``--fps`` says otherwise: fewer frames load the same cells in less time). ``--near`` cuts every
 triangle of the city into as many as it takes for the median cell to have so many triangles of near geometry, as a stand-in
 for a model with that much detail; impostors do not change by it.

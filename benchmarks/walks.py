@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 
 import numpy as np
 
@@ -20,6 +22,10 @@ PAPER = {
 """Frame rates of the paper's table 1, Hz."""
 _TRIANGLE_BYTES = 3 * 4 + 2 * 28
 """Three indices, and two vertices of 28 bytes: walls are quads of their own."""
+_TURN = 1.0
+"""Seconds of the walk."""
+_SETTLING = 0.2
+"""Seconds."""
 
 
 def detailed(mesh: CityMesh, side: int) -> CityMesh:
@@ -51,27 +57,38 @@ def detailed(mesh: CityMesh, side: int) -> CityMesh:
 def rounds(
     scenes: Mapping[str, Scene], walk: Walk, techniques: Sequence[str], *, fps: float, rounds: int, warm: bool = False
 ) -> tuple[dict[str, list[list[FrameTimes]]], dict[str, int]]:
-    """``rounds`` times the walk by each technique in turn, so that a noisy moment meets all; caches empty each time, or
-    ``warm``: after the same walk.
+    """``rounds`` times the walk by each technique, caches empty at first, or ``warm``: after the same walk.
 
-    ``full`` and ``visible``, which are slow and load nothing, draw every eighth frame only. Also the bytes that each technique
-    has to hold: the triangles of its largest frame, and its cells.
+    Techniques take turns, ``_TURN`` seconds of the walk each, so that a noisy moment of the machine meets all; whose turn it is
+    not loads nothing. ``full`` and ``visible``, which are slow and load nothing, draw every eighth frame only. Also the bytes
+    that each technique has to hold: the triangles of its largest frame, and its cells.
     """
     main = scenes["multi-mesh"]
     camera = main.camera
     found: dict[str, list[list[FrameTimes]]] = {name: [] for name in techniques}
     held: dict[str, int] = {}
+    turns = walk.frames(fps)
+    each = max(1, round(_TURN * fps))
     with Renderer(main.mesh, main.ground, size=(camera.width, camera.height)) as renderer:
         print(f"drawn by {renderer.device}", flush=True)
         for _ in range(rounds):
-            for name in techniques:
-                with cell_cache(scenes, renderer) as cache:
-                    technique = make_technique(name, scenes)
-                    steps = walk.frames(fps)[:: 8 if name in ("full", "visible") else 1]
-                    if warm:
-                        run_walk(steps, make_technique(name, scenes), renderer, cache, camera=camera)
-                    found[name].append(run_walk(steps, technique, renderer, cache, camera=camera))
-                    largest = max(frame.triangles for frame in found[name][-1])
+            with ExitStack() as stack:
+                caches = {name: stack.enter_context(cell_cache(scenes, renderer)) for name in techniques}
+                if warm:
+                    for name, cache in caches.items():
+                        run_walk(turns, make_technique(name, scenes), renderer, cache, camera=camera)
+                        cache.want(())
+                walkers = {name: make_technique(name, scenes) for name in techniques}
+                frames: dict[str, list[FrameTimes]] = {name: [] for name in techniques}
+                for start in range(0, len(turns), each):
+                    for name, cache in caches.items():
+                        steps = turns[start : start + each : 8 if name in ("full", "visible") else 1]
+                        frames[name] += run_walk(steps, walkers[name], renderer, cache, camera=camera)
+                        cache.want(())
+                        time.sleep(_SETTLING)  # for the cell that was being loaded
+                for name, cache in caches.items():
+                    found[name].append(frames[name])
+                    largest = max(frame.triangles for frame in frames[name])
                     held[name] = max(held.get(name, 0), largest * _TRIANGLE_BYTES + cache.report.largest_bytes)
     return found, held
 

@@ -244,7 +244,7 @@ def _picture(
     (primitive,) = node.primitives
     if primitive.image is None or primitive.uv is None or len(primitive.triangles) != one["triangles"]:
         raise ValueError(f"{node.name}: a texture and {one['triangles']} triangles expected")
-    with Image.open(io.BytesIO(images[primitive.image].data)) as picture:
+    with Image.open(io.BytesIO(images[primitive.image].data), formats=("WEBP",)) as picture:
         pixels = np.array(picture)
     mesh = GridMesh(primitive.positions, primitive.uv, primitive.triangles)
     return LayerPicture(one["name"], one["index"], sector, one["part"], view, pixels, mesh)

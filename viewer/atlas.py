@@ -42,4 +42,9 @@ def shelves(sizes: Sequence[tuple[int, int]]) -> tuple[list[tuple[int, int]], tu
 
 def bordered(picture: NDArray[_Kind]) -> NDArray[_Kind]:
     """``picture`` (h, w, ...) with its border: (h + 2 BORDER, w + 2 BORDER, ...)."""
-    return np.pad(picture, [(BORDER, BORDER)] * 2 + [(0, 0)] * (picture.ndim - 2), mode="edge")
+    height, width = picture.shape[:2]
+    result = np.empty((height + 2 * BORDER, width + 2 * BORDER, *picture.shape[2:]), dtype=picture.dtype)
+    inner = result[BORDER:-BORDER]
+    inner[:, BORDER:-BORDER], inner[:, :BORDER], inner[:, -BORDER:] = picture, picture[:, :1], picture[:, -1:]
+    result[:BORDER], result[-BORDER:] = inner[0], inner[-1]
+    return result

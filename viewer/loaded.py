@@ -124,12 +124,14 @@ def _vertices(picture: LayerPicture, corner: tuple[int, int], size: tuple[int, i
 def _one_texel_beyond(depth: NDArray[np.float32]) -> NDArray[np.float32]:
     """``depth`` (h, w) with each ``inf`` next to a captured texel replaced by the nearest of those around it."""
     height, width = depth.shape
-    result = depth.copy()
+    result, column = depth.copy(), np.empty(width, dtype=np.float32)
     for i in range(height):
+        column[:] = depth[i]
+        for y in (i - 1, i + 1):
+            if 0 <= y < height:
+                for j in range(width):
+                    column[j] = min(column[j], depth[y, j])
         for j in range(width):
-            if np.isfinite(depth[i, j]):
-                continue
-            for y in range(max(i - 1, 0), min(i + 2, height)):
-                for x in range(max(j - 1, 0), min(j + 2, width)):
-                    result[i, j] = min(result[i, j], depth[y, x])
+            if np.isinf(depth[i, j]):
+                result[i, j] = min(column[max(j - 1, 0)], column[j], column[min(j + 1, width - 1)])
     return result

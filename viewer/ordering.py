@@ -239,15 +239,18 @@ def _harmed(
         area = bx * cy - by * cx
         if area == 0.0:
             continue
+        share = 1.0 / area
         left, right = min(0.0, bx, cx) + ax, max(0.0, bx, cx) + ax
         upper, lower = min(0.0, by, cy) + ay, max(0.0, by, cy) + ay
         for i in range(max(int(np.floor(upper)), 0), min(int(np.ceil(lower)), height)):
+            if harmed[t]:
+                break
             y = i + 0.5 - ay
             for j in range(max(int(np.floor(left)), 0), min(int(np.ceil(right)), width)):
-                if harmed[t] or not np.isfinite(depth[i, j]):
+                if not np.isfinite(depth[i, j]):
                     continue
                 x = j + 0.5 - ax
-                p, q = (x * cy - y * cx) / area, (bx * y - by * x) / area
+                p, q = (x * cy - y * cx) * share, (bx * y - by * x) * share
                 if p < -1e-9 or q < -1e-9 or p + q > 1.0 + 1e-9:
                     continue
                 here = nearness[a] + p * (nearness[b] - nearness[a]) + q * (nearness[c] - nearness[a])
@@ -255,11 +258,13 @@ def _harmed(
                     continue
                 if (1.0 / depth[i, j] - here) * bend[i] > 1.0:
                     harmed[t] = True
-                    continue
+                    break
                 low = min(1.0 / here, depth[i, j]) * stretch[j] * (1.0 - _EVEN)
                 high = max(1.0 / here, depth[i, j]) * stretch[j] * (1.0 + _EVEN)
                 for k in range(near.shape[0]):
                     if k != own and near[k, row[i, j], column[j]] <= high and far[k, row[i, j], column[j]] >= low:
                         harmed[t] = True
                         break
+                if harmed[t]:
+                    break
     return harmed
