@@ -188,7 +188,7 @@ class Renderer:
             elif isinstance(draw, Objects):
                 counts = self._draw_set(self._city, self._kept(draw.key, self._city, draw.objects), measured)
             else:
-                counts = self._draw_layers(draw, view.eye, measured)
+                counts = self._draw_layers(draw, view, measured)
             triangles, calls = triangles + sum(counts), calls + len(counts)
         return triangles, calls
 
@@ -222,7 +222,7 @@ class Renderer:
             *self._draw_set(self._backdrop, self._beyond, measured),
         ]
 
-    def _draw_layers(self, draw: CellLayers, eye: NDArray[np.float64], measured: bool) -> list[int]:
+    def _draw_layers(self, draw: CellLayers, view: View, measured: bool) -> list[int]:
         if not draw.names:
             return []
         cell = self._cells[draw.cell]
@@ -236,7 +236,11 @@ class Renderer:
         smooth = self._samples and not measured
         if smooth:
             self._context.enable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
-        values = {"captured_from": cell.eye.astype("f4").tobytes(), "viewer": (eye - cell.eye).astype("f4").tobytes()}
+        values = {
+            "captured_from": cell.eye.astype("f4").tobytes(),
+            "viewer": (view.eye - cell.eye).astype("f4").tobytes(),
+            "ahead": np.float32(view.project(cell.eye[None])[0, 2]).tobytes(),
+        }
         counts = []
         for kind, some in zip(("layer", "captured"), cell.sets[draw.names], strict=True):
             if some.count:

@@ -57,14 +57,19 @@ in vec3 texture_from_capture;  // texture coordinates times depth in the capture
 uniform vec3 captured_from;
 out vec3 at;
 #if defined(MEASURED) || defined(CAPTURED_DEPTH)
-out vec3 world;                // relative to the capture's eye
 out float depth;
+#endif
+#ifdef MEASURED
+out vec3 world;                // relative to the capture's eye
 #endif
 void main() {
     vec3 p = eye_from_world * (position - eye);
     at = texture_from_capture;
 #if defined(MEASURED) || defined(CAPTURED_DEPTH)
-    world = position - captured_from; depth = -p.z;
+    depth = -p.z;
+#endif
+#ifdef MEASURED
+    world = position - captured_from;
 #endif
     gl_Position = project(p);
 }
@@ -73,12 +78,14 @@ _LAYER_FRAGMENT = """
 uniform sampler2D picture;
 in vec3 at;
 #if defined(MEASURED) || defined(CAPTURED_DEPTH)
-in vec3 world; in float depth;
+in float depth;
 uniform sampler2D depths;
-uniform vec3 viewer;           // relative to the capture's eye
+uniform float ahead;           // how far the capture's eye is ahead of the viewer, along the axis
 #endif
 #ifdef MEASURED
+in vec3 world;
 uniform isampler2D ids;
+uniform vec3 viewer;           // relative to the capture's eye
 #endif
 void main() {
     vec2 uv = at.xy / at.z;
@@ -96,14 +103,12 @@ void main() {
     ivec2 nearest = clamp(ivec2(floor(uv * vec2(size))), ivec2(0), size - 1);
     float captured_depth = texelFetch(depths, nearest, 0).r;
     if (isinf(captured_depth)) captured_depth = at.z;
-    vec3 captured = world * (captured_depth / max(at.z, 1e-6));
+    float stretch = captured_depth / max(at.z, 1e-6);  // the captured point, on one ray from the capture's eye
     float shown_depth = depth;
 #endif
 #ifdef CAPTURED_DEPTH
-    vec3 seen = eye_from_world * (captured - viewer);
-    shown_depth = max(-seen.z, clip.x);
-    vec4 place = project(vec3(seen.xy, -shown_depth));
-    gl_FragDepth = 0.5 * place.z / place.w + 0.5;
+    shown_depth = max(ahead + stretch * (depth - ahead), clip.x);
+    gl_FragDepth = (clip.y - clip.y * clip.x / shown_depth) / (clip.y - clip.x);
 #endif
 #ifdef MEASURED
     int id = texelFetch(ids, nearest, 0).r;
@@ -112,7 +117,7 @@ void main() {
         id = texelFetch(ids, other, 0).r;
     }
     id_out = id;
-    vec3 a = normalize(world - viewer), b = normalize(captured - viewer);
+    vec3 a = normalize(world - viewer), b = normalize(world * stretch - viewer);
     surface_out = vec2(shown_depth, id < 0 ? -1.0 : atan(length(cross(a, b)), dot(a, b)));
 #endif
 }
