@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from shapely.geometry import LineString, MultiLineString, Polygon
 
 from mmi.city import City, CityObject, Prism, TriangleMesh
@@ -23,6 +24,8 @@ _LEAST = 4.0
 """Square metres: parts with a smaller footprint go to a neighbour."""
 _DUST = 1e-6
 """Square metres: what is smaller is the rounding of a cut."""
+_ROUNDING = 1e-6
+"""Relative difference of areas that rounding makes."""
 _ON = 1e-7
 """Metres: a vertex this close to a cut lies on it."""
 
@@ -30,15 +33,19 @@ _ON = 1e-7
 def cut_objects(city: City, longest: float | None) -> City:
     """``city`` with all objects that are longer than ``longest`` metres, or wider, in parts that are not; None cuts nothing.
 
-    Part k of an object has its id with ``#k`` behind, and says what it is ``part_of``. Parts are never cut again.
+    Part k of an object has its id with ``#k`` behind (more of these marks where ids have some already), and says what it is
+    ``part_of``. Parts are never cut again.
     """
     if longest is None or not city.objects:
         return city
+    mark = "#"
+    while any(mark in one.id for one in city.objects):
+        mark += "#"
     left, bottom, right, top = shapely.bounds([one.footprint for one in city.objects]).T
     long = np.hypot(right - left, top - bottom) > longest
     objects: list[CityObject] = []
     for one, may_be in zip(city.objects, long.tolist(), strict=True):
-        objects += _parts(one, longest) if may_be and one.part_of is None else [one]
+        objects += _parts(one, longest, mark) if may_be and one.part_of is None else [one]
     return city if len(objects) == len(city.objects) else replace(city, objects=tuple(objects))
 
 
@@ -72,39 +79,40 @@ class _Grid:
         return np.asarray(place[:, 0] * self.counts[1] + place[:, 1])
 
 
-def _parts(one: CityObject, longest: float) -> list[CityObject]:
+def _parts(one: CityObject, longest: float, mark: str) -> list[CityObject]:
     grid = _Grid(one.footprint, longest)
     if not grid.cuts:
         return [one]
     prisms = _cut_prisms(one.prisms, grid)
     cores = {} if one.core is None else _cut_prisms(one.core, grid)
     part_of_tile = _tiles_to_parts({tile: sum(p.footprint.area for p in own) for tile, own in prisms.items()}, grid)
-    mesh, of_triangle = None, np.empty(0, dtype=np.int64)
+    solids: dict[int, tuple[Prism, ...]] = {}
+    solid_cores: dict[int, tuple[Prism, ...]] = {}
+    for parts, cut in ((solids, prisms), (solid_cores, cores)):
+        for tile, own in sorted(cut.items()):
+            part = int(part_of_tile[tile])
+            parts[part] = (*parts.get(part, ()), *own)
+    meshes: dict[int, TriangleMesh] = {}
     if one.mesh is not None:
         mesh = _cut_mesh(one.mesh, grid)
-        of_triangle = part_of_tile[grid.tiles(mesh.vertices[mesh.triangles].mean(axis=1))]
+        part_of_triangle = part_of_tile[grid.tiles(mesh.vertices[mesh.triangles].mean(axis=1))]
+        order = np.argsort(part_of_triangle, kind="stable")
+        names, starts = np.unique(part_of_triangle[order], return_index=True)
+        meshes = {int(k): _some(mesh, rows) for k, rows in zip(names, np.split(order, starts[1:]), strict=True)}
     found: list[CityObject] = []
-    for part in np.unique(part_of_tile[list(prisms)]).tolist():
-        solids, solid_cores = (
-            tuple(prism for tile, own in sorted(cut.items()) if part_of_tile[tile] == part for prism in own)
-            for cut in (prisms, cores)
-        )
-        if mesh is not None and part not in of_triangle:
+    for part, solid in sorted(solids.items()):
+        if one.mesh is not None and part not in meshes:
             continue  # prisms around nothing
-        own_mesh = None if mesh is None else _some(mesh, of_triangle == part)
-        core = None if one.core is None else solid_cores
-        found.append(CityObject(f"{one.id}#{len(found)}", solids, own_mesh, core, one.id))
+        core = None if one.core is None else solid_cores.get(part, ())
+        found.append(CityObject(f"{one.id}{mark}{len(found)}", solid, meshes.get(part), core, one.id))
     return found if len(found) > 1 else [one]
 
 
 def _tiles_to_parts(areas: dict[int, float], grid: _Grid) -> NDArray[np.int64]:
     """(tiles,) itself for each tile of the grid; of one that holds next to nothing, the nearest that holds enough."""
-    rows, columns = np.divmod(np.arange(grid.counts.prod()), grid.counts[1])
     enough = [tile for tile, area in sorted(areas.items()) if area >= _LEAST] or [max(areas, key=areas.__getitem__)]
-    away = np.hypot(
-        (rows[:, None] - rows[enough]) * grid.steps[0], (columns[:, None] - columns[enough]) * grid.steps[1]
-    )
-    return np.array(enough, dtype=np.int64)[np.argmin(away, axis=1)]
+    places = grid.steps * np.stack(np.divmod(np.arange(grid.counts.prod()), grid.counts[1]), axis=-1)
+    return np.array(enough, dtype=np.int64)[cKDTree(places[enough]).query(places)[1]]
 
 
 def _cut_prisms(prisms: tuple[Prism, ...], grid: _Grid) -> dict[int, list[Prism]]:
@@ -124,6 +132,8 @@ def _faces(polygon: Polygon, lines: MultiLineString) -> list[Polygon]:
     edges = shapely.union(polygon.boundary, lines)  # divided where they meet
     faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(edges)))
     faces = faces[shapely.contains(polygon, shapely.point_on_surface(faces))]
+    if abs(float(shapely.area(faces).sum()) - polygon.area) > _ROUNDING * polygon.area:
+        return [polygon]  # a ring so nearly along a line that they do not divide each other: it stays whole
     return [face for face in faces.tolist() if face.area > _DUST]
 
 
@@ -191,7 +201,7 @@ def _cut_along(mesh: TriangleMesh, side: NDArray[np.float64]) -> TriangleMesh:
     )
 
 
-def _some(mesh: TriangleMesh, chosen: NDArray[np.bool_]) -> TriangleMesh:
+def _some(mesh: TriangleMesh, chosen: NDArray[np.int64]) -> TriangleMesh:
     """Some of its triangles, and only the vertices that these need."""
     used, places = np.unique(mesh.triangles[chosen], return_inverse=True)
     triangles = places.reshape(-1, 3).astype(np.int32)

@@ -8,7 +8,7 @@ import pytest
 import shapely
 from cities import block, city_of, crossroads
 from closed_meshes import directed_edges, is_closed, outside_prisms, volume
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from model_cities import BOX_TRIANGLES, box_corners, dressed_box, model_city
 from shapely import affinity
@@ -79,6 +79,19 @@ def test_what_is_short_or_cut_already_stays():
     assert cut_objects(city_of(), 40.0).objects == ()
 
 
+def test_ids_that_look_like_those_of_parts_are_no_trouble():
+    city = city_of(solid(box(0, 0, 100, 12), "Mesh"), block("Mesh#0", 0, 50, 10, 60, 5.0))
+    names = [one.id for one in cut_objects(city, 60.0).objects]
+    assert names == ["Mesh##0", "Mesh##1", "Mesh#0"]
+
+
+def test_a_landscape_is_cut_too():
+    """Two kilometres of ground that somebody called a building."""
+    cut = cut_objects(city_of(solid(box(0, 0, 2_000, 1_800), "land", 1.0)), 40.0)
+    assert len(cut.objects) == 50 * 45
+    assert sum(one.footprint.area for one in cut.objects) == pytest.approx(3.6e6)
+
+
 def test_parts_of_buildings_with_towers_and_cores():
     tower = Prism(box(40, 0, 60, 12), 12.0, 40.0)
     one = CityObject("x", (Prism(box(0, 0, 100, 12), 0.0, 12.0), tower), core=(Prism(box(1, 1, 99, 11), 0.0, 12.0),))
@@ -97,6 +110,7 @@ def test_a_corner_with_next_to_nothing_in_it_goes_to_its_neighbour():
     assert sum(one.footprint.area for one in cut.objects) == pytest.approx(whole.footprint.area)
 
 
+@settings(deadline=None)
 @given(seed=st.integers(0, 10_000), longest=st.floats(10.0, 60.0))
 def test_rays_meet_the_same_walls_of_random_shapes(seed, longest):
     """What a ray meets, and where, is the same; of an object's parts, one."""
@@ -143,6 +157,7 @@ def triangle_areas(mesh):
     return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
 
+@settings(deadline=None)
 @given(seed=st.integers(0, 10_000))
 def test_pictures_stay_where_they_were_on_a_cut_mesh(seed):
     """Texture coordinates that are linear in space still are, each triangle keeps its picture and colour, and its area."""
