@@ -21,7 +21,7 @@ from mmi.build import plan_cell, prepare_scene
 from mmi.cells import spread, viewing_cells
 from mmi.cuts import cut_objects
 from mmi.io import read_city
-from mmi.layering import assign_layers, layer_area, panorama_boxes
+from mmi.layering import assign_layers, boxes_of, layer_area
 from mmi.parameters import BuildParameters
 
 STRATEGIES = ("incremental", "largest-first", "smallest-last", "dsatur", "best")
@@ -82,12 +82,7 @@ def main() -> None:
         for name in spread(graph, options.cells):
             plan = plan_cell(scene, graph.nodes[name]["cell"])
             events, objects = plan.graph, [city.objects[i] for i in plan.selection.far]
-            boxes = panorama_boxes(
-                plan.selection.cell.reference,
-                [one.footprint for one in objects],
-                [one.base for one in objects],
-                [one.top for one in objects],
-            )
+            boxes = boxes_of(plan.selection.cell.reference, objects)
             row = {node: i for i, node in enumerate(events)}
             for strategy in STRATEGIES:
                 start = time.perf_counter()

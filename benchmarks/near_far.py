@@ -27,7 +27,7 @@ from mmi.city import City
 from mmi.critical_zone import cell_region
 from mmi.cuts import cut_objects
 from mmi.io import read_city
-from mmi.layering import assign_layers, event_graph, panorama_boxes
+from mmi.layering import assign_layers, boxes_of, event_graph
 from mmi.parallax import critical_zone_weights
 from mmi.parameters import BuildParameters
 from mmi.ray_parallax import same_ray_weights, self_parallax
@@ -69,12 +69,7 @@ def costs(scene: Scene, seen: Seen, near: NDArray[np.bool_], *, paper: bool) -> 
     else:
         quad = 8.0 / parameters.camera.focal
         pairs, weights = same_ray_weights(selection.cell, scene.walls, far, selection.sight, quad=quad)
-    boxes = panorama_boxes(
-        selection.cell.reference,
-        [one.footprint for one in objects],
-        [one.base for one in objects],
-        [one.top for one in objects],
-    )
+    boxes = boxes_of(selection.cell.reference, objects)
     graph = event_graph(far, pairs, weights, threshold=parameters.max_angle)
     layers = assign_layers(graph, boxes, strategy="smallest-last")
     triangles = scene.mesh.triangle_counts[selection.objects[near]].sum()

@@ -24,7 +24,7 @@ from mmi.cells import ViewingCell, spread, viewing_cells
 from mmi.city import City
 from mmi.cuts import cut_objects
 from mmi.io import read_city
-from mmi.layering import layer_area, panorama_boxes
+from mmi.layering import boxes_of, layer_area
 from mmi.parameters import BuildParameters
 
 
@@ -42,16 +42,8 @@ def moved(cell: ViewingCell, share: float) -> ViewingCell:
 
 def costs(scene: Scene, city: City, plan: CellPlan) -> tuple[float, float, float, float]:
     """Near objects and triangles, layers, and what these cover of a panorama."""
-    area = 0.0
-    for layer in plan.layers:
-        objects = [city.objects[i] for i in layer]
-        boxes = panorama_boxes(
-            plan.selection.cell.reference,
-            [one.footprint for one in objects],
-            [one.base for one in objects],
-            [one.top for one in objects],
-        )
-        area += layer_area(boxes)
+    reference = plan.selection.cell.reference
+    area = sum(layer_area(boxes_of(reference, [city.objects[i] for i in layer])) for layer in plan.layers)
     near = plan.selection.near
     return len(near), float(scene.mesh.triangle_counts[near].sum()), len(plan.layers), area
 

@@ -76,6 +76,8 @@ def rounds(
                 caches = {name: stack.enter_context(cell_cache(scenes, renderer)) for name in techniques}
                 if warm:
                     for name, cache in caches.items():
+                        if name not in scenes:
+                            continue  # nothing to load
                         run_walk(turns, make_technique(name, scenes), renderer, cache, camera=camera)
                         cache.want(())
                 walkers = {name: make_technique(name, scenes) for name in techniques}

@@ -23,7 +23,7 @@ from mmi.city import City
 from mmi.displacement import displacement
 from mmi.errors import ParameterError
 from mmi.impostor import Impostor, Layer
-from mmi.layering import assign_layers, event_graph, panorama_boxes
+from mmi.layering import assign_layers, boxes_of, event_graph
 from mmi.meshing import grid_mesh
 from mmi.parallax import critical_zone_weights
 from mmi.parameters import BuildParameters
@@ -182,12 +182,7 @@ def plan_cell(
     with watch.stage("layering"):
         factors = {int(i): scene.landmarks[i] for i in far if i in scene.landmarks}
         graph = event_graph(far, pairs, weights, threshold=parameters.max_angle, factors=factors)
-        boxes = panorama_boxes(
-            cell.reference,
-            [one.footprint for one in objects],
-            [one.base for one in objects],
-            [one.top for one in objects],
-        )
+        boxes = boxes_of(cell.reference, objects)
         layers = assign_layers(graph, boxes, strategy=parameters.layering)
     plan = CellPlan(selection, far[pairs], weights, graph, layers, None)
     if not parameters.bounded:

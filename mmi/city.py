@@ -137,6 +137,17 @@ class TriangleMesh:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
+    def picked(self, places: NDArray[np.intp]) -> TriangleMesh:
+        """The triangles at ``places`` (k,), in that order, with the vertices that they need."""
+        used, corners = np.unique(self.triangles[places], return_inverse=True)
+        return TriangleMesh(
+            self.vertices[used],
+            corners.reshape(-1, 3).astype(np.int32),
+            self.textures[places],
+            self.colors[places],
+            self.uv[places],
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CityObject:

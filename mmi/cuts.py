@@ -98,7 +98,7 @@ def _parts(one: CityObject, longest: float, mark: str) -> list[CityObject]:
         part_of_triangle = part_of_tile[grid.tiles(mesh.vertices[mesh.triangles].mean(axis=1))]
         order = np.argsort(part_of_triangle, kind="stable")
         names, starts = np.unique(part_of_triangle[order], return_index=True)
-        meshes = {int(k): _some(mesh, rows) for k, rows in zip(names, np.split(order, starts[1:]), strict=True)}
+        meshes = {int(k): mesh.picked(rows) for k, rows in zip(names, np.split(order, starts[1:]), strict=True)}
     found: list[CityObject] = []
     for part, solid in sorted(solids.items()):
         if one.mesh is not None and part not in meshes:
@@ -199,10 +199,3 @@ def _cut_along(mesh: TriangleMesh, side: NDArray[np.float64]) -> TriangleMesh:
         mesh.colors[of[order]],
         np.concatenate(coordinates)[order].astype(np.float32),
     )
-
-
-def _some(mesh: TriangleMesh, chosen: NDArray[np.int64]) -> TriangleMesh:
-    """Some of its triangles, and only the vertices that these need."""
-    used, places = np.unique(mesh.triangles[chosen], return_inverse=True)
-    triangles = places.reshape(-1, 3).astype(np.int32)
-    return TriangleMesh(mesh.vertices[used], triangles, mesh.textures[chosen], mesh.colors[chosen], mesh.uv[chosen])

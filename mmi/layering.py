@@ -24,11 +24,13 @@ from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import Point
 from shapely.geometry.base import BaseGeometry
 
+from mmi.city import CityObject
 from mmi.errors import ParameterError
 
 __all__ = [
     "Layers",
     "assign_layers",
+    "boxes_of",
     "event_graph",
     "layer_area",
     "layers_greedy",
@@ -251,6 +253,12 @@ def panorama_boxes(
     boxes[:, 2] = down / np.maximum(np.where(down < 0.0, nearest, farthest), _CLOSEST)
     boxes[:, 3] = up / np.maximum(np.where(up > 0.0, nearest, farthest), _CLOSEST)
     return boxes
+
+
+def boxes_of(eye: ArrayLike, objects: Sequence[CityObject]) -> NDArray[np.float64]:
+    """(n, 4) the boxes of some objects of a city (:func:`panorama_boxes`)."""
+    bottoms, tops = [one.base for one in objects], [one.top for one in objects]
+    return panorama_boxes(eye, [one.footprint for one in objects], bottoms, tops)
 
 
 @njit(cache=True, error_model="numpy")

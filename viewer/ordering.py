@@ -94,7 +94,7 @@ def out_of_order(
         corners = one.mesh.uv.astype(np.float64) * one.depth.shape[::-1]
         nearness = 1.0 / one.view.project(one.mesh.vertices.astype(np.float64))[:, 2]  # linear in the picture
         below = one.view.pixel_centres()[1] > 0.0
-        bend = np.where(below & (terrain is None), eye_height * one.view.focal / _GROUND_PX, 0.0)
+        bend = np.where(below, (eye_height if terrain is None else 0.0) * one.view.focal / _GROUND_PX, 0.0)
         own = names.index(one.layer)
         rest()
         found.append(_harmed(corners, nearness, one.mesh.triangles, one.depth, *where, bend, own, near, far))

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from mmi.city import TriangleMesh
 from mmi.io.report import Ledger
 
-__all__ = ["joined_meshes", "linked", "picked_triangles", "placed_corners", "y_up_to_z_up"]
+__all__ = ["joined_meshes", "linked", "placed_corners", "y_up_to_z_up"]
 
 _FARTHEST = 1.0e8
 """Metres: coordinates beyond are a mistake, no projection of the earth reaches there."""
@@ -40,18 +40,6 @@ def linked(n: int, a: NDArray[np.integer[Any]], b: NDArray[np.integer[Any]]) -> 
     rank = np.empty(len(first), dtype=np.int64)
     rank[np.argsort(first)] = np.arange(len(first))
     return rank[label.reshape(-1)]
-
-
-def picked_triangles(mesh: TriangleMesh, places: NDArray[np.intp]) -> TriangleMesh:
-    """The triangles at ``places`` (k,), in that order, with the vertices that they need."""
-    used, corners = np.unique(mesh.triangles[places], return_inverse=True)
-    return TriangleMesh(
-        mesh.vertices[used],
-        corners.reshape(-1, 3).astype(np.int32),
-        mesh.textures[places],
-        mesh.colors[places],
-        mesh.uv[places],
-    )
 
 
 def placed_corners(

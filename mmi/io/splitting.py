@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from mmi.city import TriangleMesh
 from mmi.io.raw import RawModel
-from mmi.io.raw_meshes import linked, picked_triangles
+from mmi.io.raw_meshes import linked
 from mmi.io.report import Ledger
 
 __all__ = ["split_into_objects", "welded"]
@@ -61,7 +61,7 @@ def split_into_objects(
     size = np.ptp(mesh.vertices[np.unique(mesh.triangles)], axis=0)
     in_metres = bool(np.hypot(size[0], size[1]) > _CITY)
     is_ground = _find_ground(mesh, float(size[0] * size[1])) if in_metres else np.zeros(len(mesh.triangles), dtype=bool)
-    ground = picked_triangles(mesh, np.flatnonzero(is_ground)) if is_ground.any() else None
+    ground = mesh.picked(np.flatnonzero(is_ground)) if is_ground.any() else None
     ledger.note("noted", "triangles of one mesh taken for the ground", count=int(is_ground.sum()))
     rest = np.flatnonzero(~is_ground)
     if not rest.size:
@@ -85,7 +85,7 @@ def split_into_objects(
         taken[name] = taken.get(name, 0) + 1
         if taken[name] > 1:
             name = f"{name}#{taken[name]}"
-        models.append(RawModel(name, picked_triangles(mesh, share)))
+        models.append(RawModel(name, mesh.picked(share)))
     return tuple(models), ground
 
 
