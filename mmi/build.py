@@ -30,6 +30,7 @@ from mmi.parameters import BuildParameters
 from mmi.parts import covered_parts
 from mmi.ray_parallax import same_ray_weights
 from mmi.rehearsal import rehearse
+from mmi.rims import touching, with_rims
 from mmi.sectors import Walls, layer_views, walls_of
 from mmi.segmentation import near_by_distance, near_by_parallax, near_by_slope, near_by_triangles
 from mmi.selection import Extractor, Selection, chain, everything
@@ -229,6 +230,8 @@ def capture_layers(
     parameters, watch, cell = scene.parameters, watch or Stopwatch(), plan.selection.cell
     viewpoints = np.column_stack([cell.corners, np.full(4, cell.reference[2])])
     sight, half_width = plan.selection.sight, math.tan(math.pi / parameters.sectors)
+    with watch.stage("windows"):
+        pairs = touching(scene.city, plan.selection.objects)
     for index, objects in enumerate(plan.layers):
         with watch.stage("windows"):
             views = layer_views(
@@ -240,22 +243,28 @@ def capture_layers(
                 quad=parameters.quad,
                 sight=sight,
             )
-        textures = capturer.captures(objects, [view for _, view in views], supersample=parameters.supersample)
+        from_here = [view for _, view in views]
+        textures = capturer.captures(objects, from_here, supersample=parameters.supersample)
+        beside = np.setdiff1d(pairs[np.isin(pairs[:, 0], objects), 1], objects)
+        rims = capturer.captures(beside, from_here)
         for sector, _ in views:
             with watch.stage("capture"):
-                whole = next(textures)
+                whole, rim = next(textures), next(rims, None)
             with watch.stage("meshing"):
                 if sight is not None:
                     whole = without_unseen(whole, scene.walls, sight)
+                if rim is not None:
+                    whole = with_rims(whole, rim)
                 parts = covered_parts(whole, quad=parameters.quad, half_width=half_width)
-            del whole
+            del whole, rim
             for part, texture in enumerate(parts):
                 with watch.stage("meshing"):
                     mesh = grid_mesh(texture, viewpoints=viewpoints, tolerance=_MESH_SHARE * parameters.max_angle)
-                    shown = np.unique(texture.object_ids[texture.coverage]).astype(np.int64)
+                    shown = np.intersect1d(texture.object_ids, objects)
                     displaced = displacement(texture, mesh, viewpoints)
                 yield Layer(index, sector, part, shown, texture, mesh, displaced)
         textures.close()
+        rims.close()
 
 
 def build_cell(scene: Scene, cell: ViewingCell, capturer: Capturer, *, watch: Stopwatch | None = None) -> Impostor:

@@ -4,9 +4,9 @@ Part, node and texture of layer 2 in sector 0 are all named ``s0.l2``, and ``s0.
 The glTF holds what is drawn: vertices in the city's frame, and a WebP picture of colour, dilated beyond silhouettes, with
 coverage as alpha (lossless, whatever the quality of the colour). It also says how each texture was captured (``sector``,
 ``focal``, ``window``, ``eye``). The EXR holds the rest of the depth textures: Z (half, eye-space metres, infinite where nothing
-was hit) and id (unsigned: 0, or the place of the object in the cell's list ``far``, from 1), in the capture's own pixel
-coordinates: its data window counts from the principal point. Who only draws reads the glTF alone (:func:`read_pictures`);
-depth and ids are for measuring and for telling which of two layers is in front (:func:`read_depths`).
+was hit) and id (unsigned: 0, or the place of the object in the cell's lists ``far`` and then ``near``, from 1), in the pixel
+coordinates of the capture: its data window counts from the principal point. Who only draws reads the glTF alone
+(:func:`read_pictures`); depth and ids are for measuring and for telling which of two layers is in front (:func:`read_depths`).
 
 The city's geometry, which all cells share, is one more glTF: nodes of objects, then tiles of the ground.
 """
@@ -98,7 +98,8 @@ def write_cell(
     """
     selection, city, cell = plan.selection, scene.city, plan.selection.cell
     place = np.zeros(len(city.objects) + 1, dtype=np.uint32)  # object -1 is the last entry, and stays 0
-    place[selection.far] = np.arange(1, len(selection.far) + 1)
+    listed = np.concatenate([selection.far, selection.near])
+    place[listed] = np.arange(1, len(listed) + 1)
     sectors: list[list[dict[str, Any]]] = [[] for _ in range(scene.parameters.sectors)]
     nodes: list[GlbNode] = []
     images: list[GlbImage] = []
@@ -177,7 +178,7 @@ def read_depths(dataset: Dataset, cell: str) -> dict[str, tuple[NDArray[np.float
     """What a cell's layers were captured as, from its EXR: name of the layer -> depth and places.
 
     Depth (h, w) is eye-space metres, ``inf`` where nothing was hit; places (h, w) are 0 there, elsewhere the place of the
-    object in the cell's list ``far``, from 1.
+    object in the cell's lists ``far`` and then ``near``, from 1.
     Raises DatasetError when there is no such cell, or its file is missing, damaged or not what the manifest describes.
     """
     entry = dataset.cell(cell)
@@ -186,14 +187,14 @@ def read_depths(dataset: Dataset, cell: str) -> dict[str, tuple[NDArray[np.float
         return {}
     name = str(dataset.path / entry["files"]["exr"]["name"])
     dataset.read(entry["files"]["exr"])  # for its checksum
-    found = {}
+    found, objects = {}, len(entry["far"]) + len(entry["near"])
     with _as_described(name):
         parts = {part.name(): part.channels for part in OpenEXR.File(name).parts}
         for _, one in described:
             channels, shape = parts[one["name"]], (one["window"][3], one["window"][2])
             depth, places = channels["Z"].pixels.astype(np.float32), np.array(channels["id"].pixels)
-            if depth.shape != shape or places.shape != shape or places.max() > len(entry["far"]):
-                raise ValueError(f"{one['name']}: depths and places of {len(entry['far'])} objects, {shape}, expected")
+            if depth.shape != shape or places.shape != shape or places.max() > objects:
+                raise ValueError(f"{one['name']}: depths and places of {objects} objects, {shape}, expected")
             found[one["name"]] = depth, places
     return found
 
@@ -206,7 +207,7 @@ def read_impostor(dataset: Dataset, cell: str, city: City) -> Impostor:
     with _as_described(str(dataset.path / "manifest.json")):
         near = np.array([index[one] for one in entry["near"]], dtype=np.int64)
         far = np.array([index[one] for one in entry["far"]], dtype=np.int64)
-        objects = np.concatenate([[-1], far]).astype(np.int32)
+        objects = np.concatenate([[-1], far, near]).astype(np.int32)
         layers = []
         for picture, (_, one) in zip(pictures, _described(entry), strict=True):
             depth, places = depths[picture.name]

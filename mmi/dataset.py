@@ -39,7 +39,7 @@ __all__ = [
     "with_checksum",
 ]
 
-FORMAT_VERSION = 6
+FORMAT_VERSION = 7
 _PROGRAM = "build-impostors"
 _TEMPORARY = ".part"
 

@@ -71,8 +71,12 @@ _STYLE_SHARES = np.array(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Looks:
-    """What an object's id, height and area decide: ``style`` (k,) index, ``tint`` (k, 3) factor, ``bay`` (k,) 0..7."""
+    """What an object's id, height and area decide: ``style`` (k,) index, ``tint`` (k, 3) factor, ``bay`` (k,) 0..7.
 
+    Objects with the same number in ``whole`` (k,) are parts of one.
+    """
+
+    whole: NDArray[np.int64]
     style: NDArray[np.int64]
     tint: NDArray[np.float64]
     bay: NDArray[np.int64]
@@ -94,7 +98,7 @@ def looks_of(objects: Sequence[CityObject]) -> Looks:
     size = np.where(height > 60.0, 3, np.where(height > 30.0, 2, np.where(area > 1800.0, 1, 0))).astype(np.int64)
     style = (dice[:, :1] / 256.0 >= _STYLE_SHARES[size]).sum(axis=1)
     tint = np.stack(_TINTS)[style, dice[:, 1] % 6] * (0.93 + 0.07 * dice[:, 2:3] / 255.0)
-    return Looks(style, tint, dice[:, 3] % facades.BAYS)
+    return Looks(whole, style, tint, dice[:, 3] % facades.BAYS)
 
 
 def light(normals: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -155,6 +155,20 @@ def triangulate(polygons: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.in
 # ------------------------------------------------------------------------------------------------ walls and caps
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Walls:
+    """Walls along edges of footprints, from ``a`` to ``b`` (n, 2), their ``prism``, and how they look: ``u`` (n, 2) at both
+    ends, ``blind`` without windows, and ``base`` (n, 3), tint and light.
+    """
+
+    a: NDArray[np.float64]
+    b: NDArray[np.float64]
+    prism: NDArray[np.int64]
+    u: NDArray[np.float64]
+    blind: NDArray[np.bool_]
+    base: NDArray[np.float64]
+
+
 def _walls(
     polygons: NDArray[np.object_],
     heights: NDArray[np.float64],
@@ -163,16 +177,8 @@ def _walls(
     grounds: NDArray[np.float64],
 ) -> Part:
     """Upright quads along every edge of every footprint; where a prism has more storeys than the atlas, several."""
-    rings, prism_of_ring = shapely.get_rings(polygons, return_index=True)
-    points, ring = shapely.get_coordinates(rings, return_index=True)
-    last = np.flatnonzero(np.append(ring[1:] != ring[:-1], True)) if len(ring) else np.empty(0, dtype=np.int64)
-    keep = np.ones(len(points), dtype=bool)
-    keep[last] = False  # no edge leads from one ring to the next
-    start = np.flatnonzero(keep)
-    length = np.hypot(*(points[start + 1] - points[start]).T)
-    start, length = start[length > 0.0], length[length > 0.0]
-    a, b, prism = points[start], points[start + 1], prism_of_ring[ring[start]]
-
+    walls = _walls_along(polygons, heights, owners, looks)
+    prism = walls.prism
     bottom, top = heights[prism].T
     floating = bottom > grounds[prism] + _FLOATING
     storeys = np.maximum(1, np.rint((top - bottom) / facades.STOREY)).astype(np.int64)
@@ -180,7 +186,7 @@ def _walls(
     room = facades.ROWS - 1
     pieces = np.maximum(1, -(-(storeys - (1 - first_row)) // room))
 
-    wall = np.repeat(np.arange(len(a)), pieces)
+    wall = np.repeat(np.arange(len(prism)), pieces)
     piece = np.arange(len(wall)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     ground_floor = (1 - first_row)[wall]
     from_storey = np.where(piece > 0, piece * room + ground_floor, 0)
@@ -192,43 +198,101 @@ def _walls(
     low = np.where(from_storey == 0, bottom[wall], bottom[wall] + from_storey * rise)
     high = np.where(to_storey == storeys[wall], top[wall], bottom[wall] + to_storey * rise)
 
-    owner = owners[prism]
-    style = looks.style[owner][wall]
-    blind = ((length < _BLIND) | _party_walls(a, b))[wall]
+    owner = owners[prism[wall]]
+    style = looks.style[owner]
     strip_top, strip_bottom = facades.plain_strip(style)
-    v_low = np.where(blind, strip_bottom, facades.storey_v(style, low_row))
-    v_high = np.where(blind, strip_top, facades.storey_v(style, high_row))
-    whole_bays = np.maximum(1, np.rint(length / facades.BAY))
-    bays = np.where(blind, (length / facades.BAY)[wall], whole_bays[wall])
-    turn = np.arange(len(prism)) - np.searchsorted(prism, prism)  # which edge of its prism
-    u_a = (((looks.bay[owner] + 3 * turn) % facades.BAYS) / facades.BAYS)[wall]
-    u_b = u_a + bays / facades.BAYS
-
-    normal = np.column_stack([b[:, 1] - a[:, 1], a[:, 0] - b[:, 0], np.zeros(len(a))]) / length[:, None]
-    base = (looks.tint[owner] * light(normal))[wall]
-    corners = [
-        (a[wall], low, u_a, v_low),
-        (b[wall], low, u_b, v_low),
-        (b[wall], high, u_b, v_high),
-        (a[wall], high, u_a, v_high),
-    ]
+    v_low = np.where(walls.blind[wall], strip_bottom, facades.storey_v(style, low_row))
+    v_high = np.where(walls.blind[wall], strip_top, facades.storey_v(style, high_row))
+    a, b, base, (u_a, u_b) = walls.a[wall], walls.b[wall], walls.base[wall], walls.u[wall].T
+    corners = [(a, low, u_a, v_low), (b, low, u_b, v_low), (b, high, u_b, v_high), (a, high, u_a, v_high)]
     quads = np.arange(len(wall))[:, None, None]
     return Part(
         positions=_interleave([np.column_stack([xy, z]) for xy, z, _, _ in corners]),
         uv=_interleave([np.column_stack([u, v]) for _, _, u, v in corners]),
         colors=_interleave([base * contact(z - grounds[prism][wall])[:, None] for _, z, _, _ in corners]),
         triangles=(4 * quads + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3),
-        owners=np.repeat(owner[wall], 4),
+        owners=np.repeat(owner, 4),
     )
 
 
-def _party_walls(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which edges a -> b, (n, 2) each, another footprint has as b -> a (to the centimetre): two buildings touch there."""
+def _walls_along(
+    polygons: NDArray[np.object_], heights: NDArray[np.float64], owners: NDArray[np.int64], looks: Looks
+) -> _Walls:
+    """The walls of all prisms. Whole bays fit between the ends of each that has windows.
+
+    What stands along a cut (:mod:`mmi.cuts`) is two walls, each painted like the end of the facade that it meets. Nobody sees
+    these, but for a pixel at their rims where one part is geometry and its neighbour a texture: it is to look like the facade.
+    """
+    rings, prism_of_ring = shapely.get_rings(polygons, return_index=True)
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    last = np.flatnonzero(np.append(ring[1:] != ring[:-1], True)) if len(ring) else np.empty(0, dtype=np.int64)
+    keep = np.ones(len(points), dtype=bool)
+    keep[last] = False  # no edge leads from one ring to the next
+    start = np.flatnonzero(keep)
+    length = np.hypot(*(points[start + 1] - points[start]).T)
+    start, length = start[length > 0.0], length[length > 0.0]
+    a, b, ring = points[start], points[start + 1], ring[start]
+    prism = prism_of_ring[ring]
+    owner = owners[prism]
+
+    touched = _touched(a, b)
+    blind = (length < _BLIND) | (touched >= 0)
+    bays = np.where(blind, length / facades.BAY, np.maximum(1, np.rint(length / facades.BAY)))
+    turn = np.arange(len(prism)) - np.searchsorted(prism, prism)  # which edge of its prism
+    u_a = ((looks.bay[owner] + 3 * turn) % facades.BAYS) / facades.BAYS
+    u_b = u_a + bays / facades.BAYS
+    normal = np.column_stack([b[:, 1] - a[:, 1], a[:, 0] - b[:, 0], np.zeros(len(a))]) / length[:, None]
+    base = looks.tint[owner] * light(normal)
+
+    same_height = (heights[prism] == heights[prism[touched]]).all(axis=1)
+    is_cut = (
+        (touched >= 0) & same_height & (looks.whole[owner] == looks.whole[owner[touched]]) & (owner != owner[touched])
+    )
+    before, after = _neighbours(is_cut, ring)
+    is_cut &= before >= 0
+    cut, uncut = np.flatnonzero(is_cut), np.flatnonzero(~is_cut)
+    before, after = before[cut], after[cut]
+    middle = 0.5 * (a[cut] + b[cut])
+    like = np.concatenate([uncut, before, after])
+    return _Walls(
+        a=np.concatenate([a[uncut], a[cut], middle]),
+        b=np.concatenate([b[uncut], middle, b[cut]]),
+        prism=np.concatenate([prism[uncut], prism[cut], prism[cut]]),
+        u=np.column_stack(
+            [
+                np.concatenate([u_a[uncut], u_b[before], u_a[after]]),
+                np.concatenate([u_b[uncut], u_b[before], u_a[after]]),
+            ]
+        ),
+        blind=blind[like],
+        base=base[like],
+    )
+
+
+def _touched(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.int64]:
+    """For each edge a -> b, (n, 2) each, one that is b -> a (to the centimetre), so that two prisms touch; -1 for none."""
     x, y = np.rint(100.0 * np.concatenate([a, b])).astype(np.int64).T
     _, names = np.unique((x << 32) + y, return_inverse=True)
     from_name, to_name = names.reshape(2, -1).astype(np.int64)
-    count = len(names) + 1
-    return np.isin(from_name * count + to_name, to_name * count + from_name)
+    forth, back = from_name * len(names) + to_name, to_name * len(names) + from_name
+    order = np.argsort(back, kind="stable")
+    place = order[np.searchsorted(back, forth, sorter=order) % max(len(back), 1)]
+    return np.where(back[place] == forth, place, -1)
+
+
+def _neighbours(passed: NDArray[np.bool_], ring: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """For each edge, (n,) both, the last before it and the first behind it in its ring that is not ``passed``; -1 for none.
+
+    Edges are in the order of the rings, ``ring`` (n,).
+    """
+    rows = np.append(np.flatnonzero(~passed), -1)
+    first, end = (np.searchsorted(ring[rows[:-1]], ring, side=side) for side in ("left", "right"))
+    behind = np.searchsorted(rows[:-1], np.arange(len(ring)), side="right")
+    before = np.searchsorted(rows[:-1], np.arange(len(ring))) - 1
+    none = first == end
+    before = np.where(none, -1, np.where(before >= first, before, end - 1))
+    behind = np.where(none, -1, np.where(behind < end, behind, first))
+    return rows[before], rows[behind]
 
 
 def _roofs(

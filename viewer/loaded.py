@@ -77,8 +77,8 @@ def load_cell(scene: Scene, cell: str, *, measured: bool = False, rest: Callable
     rest()
     depths = read_depths(scene.dataset, cell)
     rest()
-    objects = np.array([-1, *(scene.objects[one] for one in entry["far"])], dtype=np.int32) if measured else None
-    near = [scene.objects[one] for one in entry["near"]]
+    far, near = ([scene.objects[one] for one in entry[name]] for name in ("far", "near"))
+    objects = np.array([-1, *far, *near], dtype=np.int32) if measured else None
     harmed = out_of_order(
         [CapturedLayer(one.index, one.view, one.mesh, depths[one.name][0]) for one in pictures],
         max_angle=scene.parameters.max_angle,

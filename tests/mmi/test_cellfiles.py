@@ -241,12 +241,12 @@ def test_a_file_of_other_layers_is_refused(copied, what):
         read_pictures(other, cell)
 
 
-def test_depths_of_another_size_or_of_objects_that_are_not_far_are_refused(copied):
+def test_depths_of_another_size_or_of_objects_that_are_not_listed_are_refused(copied):
     entry = copied.manifest["cells"][0]
     for changed in (with_layer(copied, window=[0, 0, 8, 8]), with_layer(copied, name="s9.l9")):
         with pytest.raises(DatasetError, match=r"\.exr: the layers that the manifest describes"):
             read_depths(changed, entry["id"])
-    fewer = Dataset(copied.path, {**copied.manifest, "cells": [{**entry, "far": entry["far"][:1]}]})
+    fewer = Dataset(copied.path, {**copied.manifest, "cells": [{**entry, "far": entry["far"][:1], "near": []}]})
     with pytest.raises(DatasetError, match=r"\.exr: the layers that the manifest describes"):
         read_depths(fewer, entry["id"])
 
@@ -257,6 +257,17 @@ def test_a_picture_is_as_large_as_its_window(built, cell):
     for pixels in (one.pixels[1:], one.pixels[..., :3], one.pixels.astype(np.float32)):
         with pytest.raises(ValueError, match=r"a picture of .* bytes for window .* expected, found"):
             LayerPicture("s0.l0", 0, 0, 0, one.view, pixels.copy(), mesh)
+
+
+def test_rims_keep_the_ids_of_near_objects(tmp_path):
+    city = city_of(*(block(f"house {k}", x, 12.0, x + 10.0, 22.0, 9.0) for k, x in enumerate(range(-80, 80, 10))))
+    build_dataset(city, tmp_path / "row", BuildParameters(camera=PARAMETERS.camera, near_distance=20.0))
+    dataset = open_dataset(tmp_path / "row")
+    (entry,) = dataset.manifest["cells"]
+    impostor = read_impostor(dataset, entry["id"], dataset.city())
+    shown = {int(i) for layer in impostor.layers for i in np.unique(layer.texture.object_ids[layer.texture.coverage])}
+    assert shown & set(impostor.near.tolist())
+    assert {int(i) for layer in impostor.layers for i in layer.objects} <= set(impostor.far.tolist())
 
 
 # The city's geometry

@@ -19,6 +19,7 @@ from mmi.build import landmark_factors
 from mmi.city import PAINTED, CityObject, Prism, TriangleMesh
 from mmi.cuts import cut_objects
 from mmi.errors import ParameterError
+from mmi.facades import plain_strip
 from mmi.parameters import BuildParameters
 from mmi.shading import looks_of
 from mmi.surfaces import build_city_mesh
@@ -35,6 +36,12 @@ def lengths(one):
 
 def turned(shape, degrees=17.0):
     return affinity.rotate(shape, degrees, origin=(0.0, 0.0))
+
+
+def turn_back(degrees):
+    """(2, 2): what points (n, 2) are multiplied with to undo :func:`turned`."""
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return np.array([[c, -s], [s, c]])
 
 
 def solid(shape, name="long", top=12.0):
@@ -203,13 +210,40 @@ def test_parts_look_like_the_whole():
         assert np.array_equal(getattr(parts, name), getattr(looks, name)[of])
 
 
-def test_walls_along_a_cut_have_no_windows():
-    cut = cut_objects(city_of(solid(box(0, 0, 60, 12))), 40.0)
+@pytest.mark.parametrize("shape", [box(0, 0, 60, 12), YARD, HORSESHOE], ids=["bar", "yard", "horseshoe"])
+def test_walls_along_a_cut_are_painted_like_the_end_of_the_facade(shape):
+    """From the facade's end inwards nothing changes but the height: colour and texture are those of its last column."""
+    cut = cut_objects(city_of(solid(turned(shape))), 40.0)
     mesh = build_city_mesh(cut)
-    corners = mesh.positions[mesh.triangles]
-    seam = np.all(corners[..., 0] == 30.0, axis=1)
-    assert seam.sum() == 4
-    assert np.ptp(mesh.uv[mesh.triangles][seam][..., 1]) < 0.05  # a plain strip
+    on_outline = shapely.distance(shape.boundary, shapely.points(mesh.positions[:, :2] @ turn_back(17.0))) < 1e-4
+    looks = np.column_stack([mesh.uv, mesh.colors])
+    walls = mesh.triangles[np.ptp(mesh.positions[mesh.triangles][..., 2], axis=1) > 1.0]
+    middle = mesh.positions[walls][..., :2].mean(axis=1)
+    facade = shapely.distance(shape.boundary, shapely.points(middle @ turn_back(17.0))) < 1e-3
+    owners = np.searchsorted(mesh.object_vertices, walls[:, 0], side="right")
+    # Where a part's facade ends at a cut, its wall along the cut begins, on the outline.
+    checked = 0
+    for part in np.unique(owners):
+        inside = np.unique(walls[(owners == part) & ~facade])
+        outside = np.unique(walls[(owners == part) & facade])
+        for vertex in inside[on_outline[inside]]:
+            same = outside[np.all(mesh.positions[outside] == mesh.positions[vertex], axis=1)]
+            found = looks[same] - looks[vertex]
+            assert (np.abs(found) < 1e-5).all(axis=1).any()
+            checked += 1
+    assert checked >= 4 * len(cut.objects)
+    # No texel is crossed from the outline to the middle of the wall.
+    u = mesh.uv[walls[~facade]][..., 0]
+    assert np.ptp(u, axis=1).max() == 0.0
+
+
+def test_a_tile_without_facades_has_plain_walls_along_cuts():
+    cut = cut_objects(city_of(solid(box(0, 0, 90, 90))), 30.0)
+    mesh = build_city_mesh(cut)
+    inner = next(i for i, one in enumerate(cut.objects) if one.footprint.equals(box(30, 30, 60, 60)))
+    v = mesh.uv[mesh.object_vertices[inner] : mesh.object_vertices[inner] + 16, 1]
+    top, bottom = (float(edge) for edge in plain_strip(looks_of(cut.objects).style[inner]))
+    assert set(v.tolist()) == {np.float32(top), np.float32(bottom)}
 
 
 def test_a_landmark_is_all_of_its_parts():

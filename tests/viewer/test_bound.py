@@ -16,8 +16,10 @@ import pytest
 import shapely
 from cities import block, cell_along_x, city_of
 from numba import njit
+from scipy.ndimage import binary_erosion
 from solids import Solids, city_from, el, horseshoe, solids_from
 
+import mmi.build
 from mmi.build import build_cell, prepare_scene
 from mmi.camera import Camera, level_view
 from mmi.capture import Capturer
@@ -423,6 +425,28 @@ def test_it_holds_for_parts_of_long_objects(name, threshold):
     near = {cut.objects[i].part_of or cut.objects[i].id for i in impostor.near}
     assert near <= {city.objects[i].id for i in whole.near}
     assert near & {cut.objects[i].part_of for i in impostor.far}
+
+
+def gaps(city, impostor, *, views):
+    """Pixels of sky or ground that are wrong and not next to any that is right, over some views."""
+    found = 0
+    for view in views_of(city, CELL, views, np.random.default_rng(7)):
+        picture = compare(city, impostor, view)
+        found += np.count_nonzero(binary_erosion(picture.truth >= 0, np.ones((3, 3))) & (picture.shown < 0))
+    return found
+
+
+def test_no_sky_shows_between_what_touches(monkeypatch):
+    """Houses of a row and parts of a long one; a pixel of sky is less than any threshold, but a line of them is seen."""
+    long = solid("long", shapely.box(-60, 14, 240, 26), 15.0)
+    city = cut_objects(city_of(*row_houses().objects[: len(row_houses().objects) // 2], long), 25.0)
+    impostor = built(city, CELL, 5.0)
+    layers = {int(i) for layer in impostor.layers for i in layer.objects}
+    assert layers == set(impostor.far.tolist())  # not those that are in rims only
+    closed = gaps(city, impostor, views=40)
+    monkeypatch.setattr(mmi.build, "touching", lambda *_: np.empty((0, 2), dtype=np.int64))
+    open_ = gaps(city, built(city, CELL, 5.0), views=40)
+    assert closed <= 3 < 50 < open_
 
 
 def test_a_single_mesh_does_not_keep_it():

@@ -1,0 +1,95 @@
+"""Rims: where a layer's picture ends because another object touches what it shows, it shows a texel of that other object too.
+
+Houses of a row and parts of one long object (:mod:`mmi.cuts`) touch, and some of them are geometry and some in layers. A
+silhouette of a layer is as good as its texels: half of one may be missing, and between two houses that touch the sky would show
+as a bright line. A silhouette in front of the sky is left as it is. What a rim shows is really there, at the depth where it is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from numba import njit
+from numpy.typing import NDArray
+
+from mmi.city import City
+from mmi.impostor import DepthTexture
+
+__all__ = ["touching", "with_rims"]
+
+_TOUCH = 0.05
+"""Metres between footprints of objects that touch, at most."""
+_ONE_EDGE = 0.01
+"""Relative difference of depths, halfway between two texels, of surfaces that meet there, at most."""
+_STEEPEST = 0.05
+"""Relative difference of depths between neighbouring texels of a surface that is continued, at most."""
+
+
+def touching(city: City, objects: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(m, 2) indices of those of ``objects`` (n,) that touch in plan, each pair both ways round."""
+    footprints = np.array([city.objects[i].footprint for i in objects], dtype=object)
+    tree = shapely.STRtree(footprints)
+    one, other = tree.query(footprints, predicate="dwithin", distance=_TOUCH)
+    apart = one != other
+    return np.column_stack([objects[one[apart]], objects[other[apart]]])
+
+
+def with_rims(texture: DepthTexture, beside: DepthTexture) -> DepthTexture:
+    """``texture`` with a rim of a texel, where it ends because of what ``beside`` shows: touching objects, from the same view.
+
+    A texel is part of the rim where it is next to a covered one and ``texture`` shows nothing in it, or a surface of the same
+    object that lies behind. Where what ``beside`` shows there meets the surface of the covered one, halfway between both, the
+    rim shows that. Where it lies in front instead, nobody knows from here where the surface ends: the rim continues it, if
+    ``texture`` shows nothing. Raises ValueError where the views' windows differ.
+    """
+    if texture.view.window != beside.view.window:
+        raise ValueError(f"pictures of one window expected, found {texture.view.window} and {beside.view.window}")
+    arrays = _rimmed(
+        (texture.color, texture.depth, texture.object_ids), (beside.color, beside.depth, beside.object_ids)
+    )
+    return DepthTexture(texture.view, *arrays)
+
+
+_Picture = tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int32]]
+
+
+@njit(cache=True, error_model="numpy")
+def _rimmed(picture: _Picture, other: _Picture) -> _Picture:
+    """Colour, depth and ids of ``picture`` with its rim, see :func:`with_rims`."""
+    color, depth, ids = picture
+    other_color, other_depth, other_ids = other
+    height, width = depth.shape
+    new_color, new_depth, new_ids = color.copy(), depth.copy(), ids.copy()
+    for j in range(height):
+        for i in range(width):
+            if other_ids[j, i] < 0:
+                continue
+            w = 1.0 / np.float64(other_depth[j, i])
+            for turn in range(4):
+                x, y = (turn == 0) - (turn == 1), (turn == 2) - (turn == 3)
+                # The covered texel, the one behind it, and the one on the other side.
+                ci, cj, bi, bj, oi, oj = i + x, j + y, i + 2 * x, j + 2 * y, i - x, j - y
+                if not (0 <= ci < width and 0 <= cj < height) or ids[cj, ci] < 0:
+                    continue
+                one, empty = ids[cj, ci], ids[j, i] < 0
+                if not empty and (ids[j, i] != one or depth[j, i] <= (1.0 + _ONE_EDGE) * other_depth[j, i]):
+                    continue
+                v = 1.0 / np.float64(depth[cj, ci])
+                # 1/z is linear in planes: both surfaces are continued to halfway between the two texels.
+                known = 0 <= bi < width and 0 <= bj < height and ids[bj, bi] == one
+                slope = v - 1.0 / np.float64(depth[bj, bi]) if known else 0.0
+                other_known = 0 <= oi < width and 0 <= oj < height and other_ids[oj, oi] == other_ids[j, i]
+                other_slope = w - 1.0 / np.float64(other_depth[oj, oi]) if other_known else -slope
+                if not known:
+                    slope = -other_slope
+                if abs((w + 0.5 * other_slope) - (v + 0.5 * slope)) <= _ONE_EDGE * w:
+                    new_color[j, i], new_depth[j, i], new_ids[j, i] = (
+                        other_color[j, i],
+                        other_depth[j, i],
+                        other_ids[j, i],
+                    )
+                    break
+                continued = min(max(v + slope, (1.0 - _STEEPEST) * v), (1.0 + _STEEPEST) * v)
+                if empty and w > continued:
+                    new_color[j, i], new_depth[j, i], new_ids[j, i] = color[cj, ci], 1.0 / continued, one
+    return new_color, new_depth, new_ids
