@@ -7,7 +7,7 @@ Rectangles shrink to what they hold of the captured surfaces; silhouettes themse
 mesh reaches a texel beyond them.
 
 Vertices sit on capture rays, on the plane through the texels around them that belong to one surface. Rectangles meet others
-along parts of their sides; each is triangulated with all vertices on its outline, so there are no cracks.
+along parts of their sides; each is triangulated with all vertices on its outline (``mmi.triangulation``), so there are no cracks.
 
 Texture coordinates are stored per vertex, and a graphics card interpolates them perspectively, which over a triangle whose
 corners differ in depth is not what the capture saw. Rectangles are cut until the difference is about a texel.
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from mmi.displacement import as_seen, chord
 from mmi.impostor import DepthTexture, GridMesh
+from mmi.triangulation import triangulated
 
 __all__ = ["grid_mesh"]
 
@@ -344,49 +345,4 @@ def _mesh(
             else:
                 stack.extend(_halves(box, across, where))
         leaves = kept
-    count = 0
-    for y in range(height + 1):
-        for x in range(width + 1):
-            if used[y, x] == 0:
-                used[y, x] = count
-                count += 1
-    lattice, values = np.empty((count + len(leaves), 2)), np.empty(count + len(leaves))
-    for y in range(height + 1):
-        for x in range(width + 1):
-            if used[y, x] >= 0:
-                lattice[used[y, x], 0], lattice[used[y, x], 1], values[used[y, x]] = x, y, known[y, x]
-    triangles = [(np.int32(0), np.int32(0), np.int32(0))]
-    triangles.pop()
-    ring = np.empty(4 * _LARGEST + 4, dtype=np.int32)
-    for x0, y0, x1, y1 in leaves:
-        around = 0  # counter-clockwise as seen from the capture, where y grows downwards
-        for y in range(y0, y1):
-            if used[y, x0] >= 0:
-                ring[around] = used[y, x0]
-                around += 1
-        for x in range(x0, x1):
-            if used[y1, x] >= 0:
-                ring[around] = used[y1, x]
-                around += 1
-        for y in range(y1, y0, -1):
-            if used[y, x1] >= 0:
-                ring[around] = used[y, x1]
-                around += 1
-        for x in range(x1, x0, -1):
-            if used[y0, x] >= 0:
-                ring[around] = used[y0, x]
-                around += 1
-        if around == 4:
-            triangles.append((ring[0], ring[1], ring[2]))
-            triangles.append((ring[0], ring[2], ring[3]))
-            continue
-        # Its middle is where it would be without the others' vertices: on the diagonal.
-        lattice[count, 0], lattice[count, 1] = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
-        values[count] = 0.5 * (known[y0, x0] + known[y1, x1])
-        for k in range(around):
-            triangles.append((ring[k], ring[(k + 1) % around], np.int32(count)))  # noqa: PERF401 (Numba)
-        count += 1
-    corners_of = np.empty((len(triangles), 3), dtype=np.int32)
-    for k in range(len(triangles)):
-        corners_of[k, 0], corners_of[k, 1], corners_of[k, 2] = triangles[k]
-    return lattice[:count], corners_of, values[:count]
+    return triangulated(inverse, leaves, known, frame, offsets, tolerance)
