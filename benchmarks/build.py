@@ -30,6 +30,7 @@ STAGES = (
     "capture",
     "meshing",
     "encoding",
+    "ordering",
     "writing",
 )
 

@@ -7,6 +7,7 @@ coverage as alpha (lossless, whatever the quality of the colour). It also says h
 was hit) and id (unsigned: 0, or the place of the object in the cell's lists ``far`` and then ``near``, from 1), in the pixel
 coordinates of the capture: its data window counts from the principal point. Who only draws reads the glTF alone
 (:func:`read_pictures`); depth and ids are for measuring and for telling which of two layers is in front (:func:`read_depths`).
+A node's first ``plain`` triangles (the manifest says how many) can be drawn as they are, without depth (:mod:`mmi.ordering`).
 
 The city's geometry, which all cells share, is one more glTF: nodes of objects, then tiles of the ground.
 """
@@ -16,6 +17,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +35,8 @@ from mmi.errors import DatasetError, ParameterError
 from mmi.glb import GlbImage, GlbNode, GlbPrimitive, GlbScene, glb_bytes, read_glb
 from mmi.ground import ground_mesh
 from mmi.impostor import DepthTexture, GridMesh, Impostor, Layer, LayerPicture
-from mmi.surfaces import CityMesh, build_city_mesh
+from mmi.ordering import CapturedLayer, out_of_order
+from mmi.surfaces import CityMesh, build_city_mesh, triangles_of
 from mmi.whole_files import png_bytes
 
 __all__ = [
@@ -94,13 +97,14 @@ def write_cell(
 ) -> dict[str, Any]:
     """Write a cell's EXR and glTF as its ``layers`` come, and return its entry in the manifest (schemas/manifest.json).
 
-    No more than one layer is held as it was captured. Raises DatasetError where the files cannot be written.
+    Of all layers but the one at hand, only depth is held as it was captured. Raises DatasetError where files cannot be written.
     """
     selection, city, cell = plan.selection, scene.city, plan.selection.cell
     place = np.zeros(len(city.objects) + 1, dtype=np.uint32)  # object -1 is the last entry, and stays 0
     listed = np.concatenate([selection.far, selection.near])
     place[listed] = np.arange(1, len(listed) + 1)
     sectors: list[list[dict[str, Any]]] = [[] for _ in range(scene.parameters.sectors)]
+    captured: list[CapturedLayer] = []
     nodes: list[GlbNode] = []
     images: list[GlbImage] = []
     parts: list[OpenEXR.Part] = []
@@ -110,9 +114,14 @@ def write_cell(
             nodes.append(_node(layer, image=len(images)))
             images.append(_image(layer, scene.parameters.texture_quality))
             parts.append(_part(layer, place))
+            captured.append(CapturedLayer(layer.index, layer.texture.view, layer.mesh, layer.texture.depth))
             sectors[layer.sector].append(_layer_entry(layer, place))
             texels += layer.texture.depth.size
             displaced = max(displaced, layer.displacement)
+    with watch.stage("ordering"):
+        plain = _put_in_order(nodes, captured, scene, plan)
+    for one in (one for sector in sectors for one in sector):
+        one["plain"] = plain[one["name"]]
     with watch.stage("writing"):
         extras = {"cell": cell.id, "eye": cell.reference.tolist()}
         gltf = glb_bytes(GlbScene(tuple(nodes), tuple(images), extras))
@@ -245,10 +254,33 @@ def _picture(
     (primitive,) = node.primitives
     if primitive.image is None or primitive.uv is None or len(primitive.triangles) != one["triangles"]:
         raise ValueError(f"{node.name}: a texture and {one['triangles']} triangles expected")
+    if not 0 <= one["plain"] <= one["triangles"]:
+        raise ValueError(f"{node.name}: at most {one['triangles']} plain triangles expected, found {one['plain']}")
     with Image.open(io.BytesIO(images[primitive.image].data), formats=("WEBP",)) as picture:
         pixels = np.array(picture)
     mesh = GridMesh(primitive.positions, primitive.uv, primitive.triangles)
-    return LayerPicture(one["name"], one["index"], sector, one["part"], view, pixels, mesh)
+    return LayerPicture(one["name"], one["index"], sector, one["part"], view, pixels, mesh, one["plain"])
+
+
+def _put_in_order(
+    nodes: list[GlbNode], captured: Sequence[CapturedLayer], scene: Scene, plan: CellPlan
+) -> dict[str, int]:
+    """Put triangles that need captured depths last (:mod:`mmi.ordering`); name of a node -> how many come before them."""
+    cell, city = plan.selection.cell, scene.city
+    flags = out_of_order(
+        captured,
+        max_angle=scene.parameters.max_angle,
+        eye_height=max(float(cell.reference[2] - city.ground_at(cell.reference)), 0.0),
+        solids=scene.mesh.positions[triangles_of(scene.mesh, plan.selection.near)] - cell.reference,
+        terrain=city.terrain,
+    )
+    plain = {}
+    for k, (node, late) in enumerate(zip(nodes, flags, strict=True)):
+        (primitive,) = node.primitives
+        in_order = primitive.triangles[np.argsort(late, kind="stable")]
+        nodes[k] = replace(node, primitives=(replace(primitive, triangles=in_order),))
+        plain[node.name] = int(np.count_nonzero(~late))
+    return plain
 
 
 def _layer_entry(layer: Layer, place: NDArray[np.uint32]) -> dict[str, Any]:

@@ -91,6 +91,7 @@ class LayerPicture:
     """What it takes to draw a :class:`Layer`: its mesh and its picture, without depth and ids.
 
     ``view`` is that of the capture; ``pixels`` (h, w, 4) uint8: sRGB, dilated beyond the silhouette, and coverage (0 or 255).
+    The mesh's first ``plain`` triangles can be drawn as they are; others need captured depths (:mod:`mmi.ordering`).
     """
 
     name: str
@@ -100,6 +101,7 @@ class LayerPicture:
     view: View
     pixels: NDArray[np.uint8]
     mesh: GridMesh
+    plain: int
 
     def __post_init__(self) -> None:
         shape = (self.view.window[3], self.view.window[2], 4)

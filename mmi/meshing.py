@@ -7,7 +7,8 @@ Rectangles shrink to what they hold of the captured surfaces; silhouettes themse
 mesh reaches a texel beyond them.
 
 Vertices sit on capture rays, on the plane through the texels around them that belong to one surface. Rectangles meet others
-along parts of their sides; each is triangulated with all vertices on its outline (``mmi.triangulation``), so there are no cracks.
+along parts of their sides; each is triangulated with all vertices on its outline, so there are no cracks
+(``mmi.triangulation``).
 
 Texture coordinates are stored per vertex, and a graphics card interpolates them perspectively, which over a triangle whose
 corners differ in depth is not what the capture saw. Rectangles are cut until the difference is about a texel.

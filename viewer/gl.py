@@ -2,7 +2,7 @@
 
 Headless through EGL, in software (Mesa) or on a GPU. The city's geometry is one vertex buffer; a set of objects is an index
 buffer, one draw. All layers of a cell that a view may show are two draws: triangles as they are, and those that need captured
-depths (``viewer.ordering``), their texture projected from where it was captured. A measured frame also yields, per pixel, the
+depths (``mmi.ordering``), their texture projected from where it was captured. A measured frame also yields, per pixel, the
 object, its depth, and by what angle an impostor's surface is displaced from the one that was captured (DESIGN section 6).
 """
 

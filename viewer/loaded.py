@@ -3,8 +3,8 @@
 A mesh lies off the captured surfaces where its quads span two of them: there it could win or lose against another layer, or
 the ground, that it should not. So triangles are divided in two: *plain* ones are drawn as they are, since between them and
 what was captured there is nothing; the others are drawn with the captured depth of each texel, the "limited depth
-information" that the paper stores with its textures (section 5.5). The z-buffer then composes the captured surfaces
-themselves, and not their approximations.
+information" that the paper stores with its textures (section 5.5). Which ones the dataset says (``mmi.ordering``). The
+z-buffer then composes the captured surfaces themselves, and not their approximations.
 """
 
 from __future__ import annotations
@@ -18,9 +18,7 @@ from numpy.typing import NDArray
 
 from mmi.cellfiles import read_depths, read_pictures
 from mmi.impostor import LayerPicture
-from mmi.surfaces import triangles_of
 from viewer.atlas import BORDER, bordered, shelves
-from viewer.ordering import CapturedLayer, out_of_order
 from viewer.scene import Scene
 from viewer.technique import CellKey
 
@@ -77,20 +75,12 @@ def load_cell(scene: Scene, cell: str, *, measured: bool = False, rest: Callable
     rest()
     depths = read_depths(scene.dataset, cell)
     rest()
-    far, near = ([scene.objects[one] for one in entry[name]] for name in ("far", "near"))
-    objects = np.array([-1, *far, *near], dtype=np.int32) if measured else None
-    harmed = out_of_order(
-        [CapturedLayer(one.index, one.view, one.mesh, depths[one.name][0]) for one in pictures],
-        max_angle=scene.parameters.max_angle,
-        eye_height=max(scene.above_ground(np.array(entry["reference"])), 0.0),
-        solids=scene.mesh.positions[triangles_of(scene.mesh, near)] - np.array(entry["reference"]),
-        terrain=scene.terrain,
-        rest=rest,
-    )
+    listed = [scene.objects[one] for name in ("far", "near") for one in entry[name]]
+    objects = np.array([-1, *listed], dtype=np.int32) if measured else None
     sizes = [(one.view.window[2] + 2 * BORDER, one.view.window[3] + 2 * BORDER) for one in pictures]
     corners, size = shelves(sizes)
     layers = []
-    for picture, flags, corner in zip(pictures, harmed, corners, strict=True):
+    for picture, corner in zip(pictures, corners, strict=True):
         depth, places = depths[picture.name]
         layers.append(
             LoadedLayer(
@@ -100,8 +90,8 @@ def load_cell(scene: Scene, cell: str, *, measured: bool = False, rest: Callable
                 depth=bordered(_one_texel_beyond(depth)),
                 object_ids=None if objects is None else bordered(objects[places]),
                 vertices=_vertices(picture, corner, size),
-                triangles=np.ascontiguousarray(picture.mesh.triangles[np.argsort(flags, kind="stable")]),
-                plain=int(np.count_nonzero(~flags)),
+                triangles=picture.mesh.triangles,
+                plain=picture.plain,
             )
         )
         rest()

@@ -2,7 +2,7 @@
 
 ``MEASURED`` programs also put out, per pixel, the object, its depth along the axis, and by what angle an impostor's surface
 is displaced (-1 where geometry, ground or sky shows). ``CAPTURED_DEPTH`` is for triangles of layers that need it
-(``viewer.ordering``): each fragment takes the depth of the surface point that its texel captured, as this view sees it.
+(``mmi.ordering``): each fragment takes the depth of the surface point that its texel captured, as this view sees it.
 ``COVERAGE`` is for multisampling: silhouettes of layers become coverage of samples.
 """
 

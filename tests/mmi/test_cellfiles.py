@@ -24,8 +24,9 @@ from mmi.farm import build_dataset
 from mmi.glb import GlbImage, GlbScene, glb_bytes, read_glb
 from mmi.ground import ground_mesh, tile_bounds
 from mmi.impostor import GridMesh, LayerPicture
+from mmi.ordering import CapturedLayer, out_of_order
 from mmi.parameters import BuildParameters
-from mmi.surfaces import build_city_mesh
+from mmi.surfaces import build_city_mesh, triangles_of
 
 PARAMETERS = BuildParameters(near_distance=30.0, camera=Camera(128, 128, 1.0), cell_length=80.0, longest_object=None)
 
@@ -46,13 +47,9 @@ def same_mesh(one, other):
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("vertices", "uv", "triangles"))
 
 
-def nearly_same_mesh(one, other):
+def nearly_same_vertices(one, other):
     """But for the steps that texture coordinates are stored in."""
-    names = ("vertices", "triangles")
-    return (
-        all(np.array_equal(getattr(one, name), getattr(other, name)) for name in names)
-        and np.abs(one.uv - other.uv).max() <= 0.5 / 65535 + 1e-7
-    )
+    return np.array_equal(one.vertices, other.vertices) and np.abs(one.uv - other.uv).max() <= 0.5 / 65535 + 1e-7
 
 
 def test_pictures_and_depths_are_what_was_captured(built, cell):
@@ -72,7 +69,7 @@ def test_pictures_and_depths_are_what_was_captured(built, cell):
         np.testing.assert_allclose(picture.view.eye_from_world, layer.texture.view.eye_from_world, atol=1e-12)
         assert psnr(picture.pixels[..., :3], layer.texture.color) > 30.0
         assert np.array_equal(picture.pixels[..., 3], np.where(layer.texture.coverage, 255, 0))
-        assert nearly_same_mesh(picture.mesh, layer.mesh)
+        assert nearly_same_vertices(picture.mesh, layer.mesh)
         assert depth.dtype == np.float32
         assert np.array_equal(depth, layer.texture.depth.astype(np.float16).astype(np.float32))
         np.testing.assert_allclose(depth, layer.texture.depth, rtol=2.0**-11)  # infinite where nothing is
@@ -122,6 +119,27 @@ def test_the_manifest_says_how_far_meshes_displace_texels(built, cell):
     assert built.cell(cell)["displacement_px"] == pytest.approx(PARAMETERS.camera.pixels_from_angle(worst))
     assert 0.0 < built.cell(cell)["displacement_px"]
     assert built.cell(cell)["largest_weight_px"] <= built.cell(cell)["promised_error_px"] == PARAMETERS.max_error_px
+
+
+def test_triangles_that_need_captured_depths_come_last(built, cell):
+    scene = prepare_scene(crossroads(), PARAMETERS)
+    with Capturer(scene.mesh) as capturer:
+        captured = build_cell(scene, stored_cell(built.cell(cell)), capturer)
+    eye = captured.cell.reference
+    late = out_of_order(
+        [CapturedLayer(one.index, one.texture.view, one.mesh, one.texture.depth) for one in captured.layers],
+        max_angle=PARAMETERS.max_angle,
+        eye_height=eye[2],
+        solids=scene.mesh.positions[triangles_of(scene.mesh, captured.near)] - eye,
+    )
+    flags = {layer.name: flag for layer, flag in zip(captured.layers, late, strict=True)}
+    triangles = {layer.name: layer.mesh.triangles for layer in captured.layers}
+    pictures = read_pictures(built, cell)
+    for one in pictures:
+        flag, all_of_it = flags[one.name], triangles[one.name]
+        assert one.plain == np.count_nonzero(~flag)
+        assert np.array_equal(one.mesh.triangles, np.concatenate([all_of_it[~flag], all_of_it[flag]]))
+    assert 0 < sum(one.plain for one in pictures) < sum(len(one.mesh.triangles) for one in pictures)
 
 
 def test_an_impostor_is_its_pictures_and_depths(built, cell):
@@ -202,6 +220,8 @@ def with_layer(dataset, **fields):
         {"window": [0, 0, -1, 16]},
         {"window": "wide"},
         {"triangles": 1},
+        {"plain": -1},
+        {"plain": 100_000},
     ],
 )  # fmt: skip
 def test_a_picture_that_the_manifest_does_not_describe_is_refused(copied, fields):
@@ -256,7 +276,7 @@ def test_a_picture_is_as_large_as_its_window(built, cell):
     mesh = GridMesh(np.zeros((3, 3), np.float32), np.zeros((3, 2), np.float32), np.array([[0, 1, 2]], np.int32))
     for pixels in (one.pixels[1:], one.pixels[..., :3], one.pixels.astype(np.float32)):
         with pytest.raises(ValueError, match=r"a picture of .* bytes for window .* expected, found"):
-            LayerPicture("s0.l0", 0, 0, 0, one.view, pixels.copy(), mesh)
+            LayerPicture("s0.l0", 0, 0, 0, one.view, pixels.copy(), mesh, 1)
 
 
 def test_rims_keep_the_ids_of_near_objects(tmp_path):

@@ -5,7 +5,7 @@ through pixel centres cast at the true prisms; and at the near objects' prisms a
 object and captured depth are those of the nearest texel. The nearest hit wins, a mesh's by its captured depth.
 
 What the project's renderer does otherwise: it filters coverage, half a texel on either side of a silhouette, and orders by
-captured depth only where that may make a difference (:mod:`viewer.ordering`).
+captured depth only where that may make a difference (:mod:`mmi.ordering`).
 """
 
 import math

@@ -13,7 +13,7 @@ horizontal distances that a layer covers there.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,13 +55,11 @@ def out_of_order(
     eye_height: float,
     solids: NDArray[np.float64] | None = None,
     terrain: Terrain | None = None,
-    rest: Callable[[], None] = lambda: None,
 ) -> list[NDArray[np.bool_]]:
     """For each picture, (m,) whether its triangles need captured depths. All are level views from one eye.
 
     ``max_angle`` radians is the largest displacement between layers, ``eye_height`` metres that of the eye above level ground
-    where there is no ``terrain``. ``solids`` (t, 3, 3) are the triangles of near objects, metres from the eye. ``rest`` is
-    called between pictures.
+    where there is no ``terrain``. ``solids`` (t, 3, 3) are the triangles of near objects, metres from the eye.
     """
     if not pictures:
         return []
@@ -96,7 +94,6 @@ def out_of_order(
         below = one.view.pixel_centres()[1] > 0.0
         bend = np.where(below, (eye_height if terrain is None else 0.0) * one.view.focal / _GROUND_PX, 0.0)
         own = names.index(one.layer)
-        rest()
         found.append(_harmed(corners, nearness, one.mesh.triangles, one.depth, *where, bend, own, near, far))
     return found
 

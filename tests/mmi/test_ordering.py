@@ -9,8 +9,8 @@ import pytest
 from mmi.camera import level_view
 from mmi.impostor import DepthTexture
 from mmi.meshing import grid_mesh
+from mmi.ordering import CapturedLayer, out_of_order
 from mmi.terrain import Terrain
-from viewer.ordering import CapturedLayer, out_of_order
 
 ANGLE = 10.0 / 443.0
 
