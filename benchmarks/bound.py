@@ -7,6 +7,9 @@ Only what the bound is about is measured (no FLIP, PSNR or SSIM, which take most
 threshold T of each dataset, the views whose thickest wrong region exceeds T + 2 px (two for the rasters of texture and
 view), and the largest displacement. With --worst DIR, pictures of the worst views.
 
+*Gaps* are pixels of sky or ground that are wrong and have nothing but objects around them in the geometry: what would show as
+lines of sky in facades.
+
 Where rows of houses are a pixel wide each, both rasters may pick another house in every pixel, and the region is as thick as
 the row is long. So what exceeds T + 2 px is looked at again, at four times the resolution: a wrong pixel is forgiven where the
 geometry then shows within a pixel what the technique has, and the technique what the geometry has. *Beyond a pixel* are the
@@ -25,6 +28,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from scipy.ndimage import binary_erosion
 
 from mmi.camera import View
 from mmi.dataset import open_dataset
@@ -72,7 +76,8 @@ def measure(folder: Path, views: int, seed: int, worst: Path | None, keep: int) 
             displaced = camera.focal * math.tan(min(float(angles.max(initial=0.0)), 1.5))
             thick = thickness(regions.wrong)
             beyond = thick if thick <= limit else _beyond_a_pixel(draw, view, (truth, shown), limit)
-            found.append((thick, beyond, displaced, float(regions.wrong.mean())))
+            gaps = regions.holes & binary_erosion(_ids(truth) >= 0, np.ones((3, 3)))
+            found.append((thick, beyond, displaced, float(regions.wrong.mean()), float(gaps.sum())))
             if worst is not None and (thick, number) >= sorted([(f[0], i) for i, f in enumerate(found)])[-keep:][0]:
                 worst.mkdir(parents=True, exist_ok=True)
                 name = worst / f"{folder.name}-{thick:05.1f}-{number}-{cell}.png"
@@ -82,13 +87,13 @@ def measure(folder: Path, views: int, seed: int, worst: Path | None, keep: int) 
     if worst is not None:
         for name in sorted(worst.glob(f"{folder.name}-*.png"))[:-keep]:
             name.unlink()
-    thick, beyond, displaced, wrong = np.array(found).T
+    thick, beyond, displaced, wrong, gaps = np.array(found).T
     cells = [scene.dataset.cell(cell.id) for cell in scene.whereabouts.cells]
     mean = {key: np.mean([entry[key] for entry in cells]) for key in ("near_triangles", "triangles", "texels", "bytes")}
     near = np.mean([len(entry["near"]) for entry in cells])
     layers = np.mean([len({one["index"] for sector in entry["layers"] for one in sector}) for entry in cells])
     return (
-        f"| {folder.name} | {limit - 2.0:g} | {views} | {100.0 * wrong.mean():.3f} | "
+        f"| {folder.name} | {limit - 2.0:g} | {views} | {100.0 * wrong.mean():.3f} | {gaps.mean():.1f} | "
         f"{np.percentile(thick, 50):.0f} / {np.percentile(thick, 99):.0f} / {thick.max():.0f} | "
         f"{np.count_nonzero(thick > limit)} | {np.count_nonzero(beyond > limit)} | "
         f"{np.percentile(displaced, 50):.1f} / {np.percentile(displaced, 99):.1f} / {displaced.max():.1f} | "
@@ -102,7 +107,7 @@ def _beyond_a_pixel(
     draw: Callable[[View], tuple[Frame, Frame]], view: View, frames: tuple[Frame, Frame], limit: float
 ) -> float:
     """Thickness of what is wrong in a view whatever a pixel around shows, or some thickness up to ``limit``."""
-    truth, shown = (ids for frame in frames if (ids := frame.object_ids) is not None)
+    truth, shown = (_ids(frame) for frame in frames)
     wrong = truth != shown
     left, top, width, height = view.window
     wide, high = width // _FINER, height // _FINER
@@ -113,12 +118,16 @@ def _beyond_a_pixel(
         x, y = (min(max(int(at) - n // 2, 0), size - n) for at, n, size in ((column, wide, width), (row, high, height)))
         window = ((left + x) * _FINER, (top + y) * _FINER, width, height)
         part = np.s_[y : y + high, x : x + wide]
-        fine = [frame.object_ids for frame in draw(View(view.eye_from_world, _FINER * view.focal, window))]
-        assert fine[0] is not None and fine[1] is not None
+        fine = [_ids(frame) for frame in draw(View(view.eye_from_world, _FINER * view.focal, window))]
         forgiven = _occurs(shown[part], fine[0]) & _occurs(truth[part], fine[1])
         wrong[part] &= ~forgiven
         if thickness(wrong[part]) > limit:
             return thickness(wrong)
+
+
+def _ids(frame: Frame) -> NDArray[np.int32]:
+    assert frame.object_ids is not None  # the renderer measures
+    return frame.object_ids
 
 
 def _occurs(ids: NDArray[np.int32], fine: NDArray[np.int32]) -> NDArray[np.bool_]:
@@ -140,10 +149,10 @@ def main() -> None:
     parser.add_argument("--keep", type=int, default=6, help="pictures a dataset (default: %(default)s)")
     options = parser.parse_args()
     print(
-        "| dataset | T px | views | wrong % | thickness px p50 / p99 / max | above T + 2 | beyond a pixel | "
+        "| dataset | T px | views | wrong % | gaps px a view | thickness px p50 / p99 / max | above T + 2 | beyond a pixel | "
         "displacement px p50 / p99 / max | above T | near | near triangles | layers | triangles | texels | bytes a cell |"
     )
-    print("|" + "---|" * 15)
+    print("|" + "---|" * 16)
     for folder in options.datasets:
         print(measure(folder, options.views, options.seed, options.worst, options.keep), flush=True)
 

@@ -245,8 +245,8 @@ def capture_layers(
             )
         from_here = [view for _, view in views]
         textures = capturer.captures(objects, from_here, supersample=parameters.supersample)
-        beside = np.setdiff1d(pairs[np.isin(pairs[:, 0], objects), 1], objects)
-        rims = capturer.captures(beside, from_here)
+        ends = pairs[np.isin(pairs[:, 0], objects) & ~np.isin(pairs[:, 1], objects)]
+        rims = capturer.captures(np.unique(ends[:, 1]), from_here)  # a texel wide: no subsamples
         for sector, _ in views:
             with watch.stage("capture"):
                 whole, rim = next(textures), next(rims, None)
@@ -254,7 +254,7 @@ def capture_layers(
                 if sight is not None:
                     whole = without_unseen(whole, scene.walls, sight)
                 if rim is not None:
-                    whole = with_rims(whole, rim)
+                    whole = with_rims(whole, rim, ends)
                 parts = covered_parts(whole, quad=parameters.quad, half_width=half_width)
             del whole, rim
             for part, texture in enumerate(parts):

@@ -104,6 +104,7 @@ def write_cell(
     listed = np.concatenate([selection.far, selection.near])
     place[listed] = np.arange(1, len(listed) + 1)
     sectors: list[list[dict[str, Any]]] = [[] for _ in range(scene.parameters.sectors)]
+    entries: list[dict[str, Any]] = []
     captured: list[CapturedLayer] = []
     nodes: list[GlbNode] = []
     images: list[GlbImage] = []
@@ -115,13 +116,12 @@ def write_cell(
             images.append(_image(layer, scene.parameters.texture_quality))
             parts.append(_part(layer, place))
             captured.append(CapturedLayer(layer.index, layer.texture.view, layer.mesh, layer.texture.depth))
-            sectors[layer.sector].append(_layer_entry(layer, place))
+            entries.append(_layer_entry(layer, place))
+            sectors[layer.sector].append(entries[-1])
             texels += layer.texture.depth.size
             displaced = max(displaced, layer.displacement)
     with watch.stage("ordering"):
-        plain = _put_in_order(nodes, captured, scene, plan)
-    for one in (one for sector in sectors for one in sector):
-        one["plain"] = plain[one["name"]]
+        _put_in_order(nodes, entries, captured, scene, plan)
     with watch.stage("writing"):
         extras = {"cell": cell.id, "eye": cell.reference.tolist()}
         gltf = glb_bytes(GlbScene(tuple(nodes), tuple(images), extras))
@@ -263,9 +263,13 @@ def _picture(
 
 
 def _put_in_order(
-    nodes: list[GlbNode], captured: Sequence[CapturedLayer], scene: Scene, plan: CellPlan
-) -> dict[str, int]:
-    """Put triangles that need captured depths last (:mod:`mmi.ordering`); name of a node -> how many come before them."""
+    nodes: list[GlbNode],
+    entries: list[dict[str, Any]],
+    captured: Sequence[CapturedLayer],
+    scene: Scene,
+    plan: CellPlan,
+) -> None:
+    """Put triangles of ``nodes`` that need captured depths last (:mod:`mmi.ordering`); ``entries`` say how many do not."""
     cell, city = plan.selection.cell, scene.city
     flags = out_of_order(
         captured,
@@ -274,13 +278,11 @@ def _put_in_order(
         solids=scene.mesh.positions[triangles_of(scene.mesh, plan.selection.near)] - cell.reference,
         terrain=city.terrain,
     )
-    plain = {}
     for k, (node, late) in enumerate(zip(nodes, flags, strict=True)):
         (primitive,) = node.primitives
         in_order = primitive.triangles[np.argsort(late, kind="stable")]
         nodes[k] = replace(node, primitives=(replace(primitive, triangles=in_order),))
-        plain[node.name] = int(np.count_nonzero(~late))
-    return plain
+        entries[k]["plain"] = int(np.count_nonzero(~late))
 
 
 def _layer_entry(layer: Layer, place: NDArray[np.uint32]) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 A cell's record (see :mod:`mmi.dataset`) carries three fingerprints. ``inputs`` covers parameters, cell and street
 neighbourhood, and the city; while it is current nothing needs to be looked at. ``content`` covers what the cell's files
-were made from: parameters, cell and the objects that are visible from it. When the city has changed, a cell is planned
+were made from: parameters, cell, the objects that are visible from it, and hills. When the city has changed, a cell is planned
 again, which is cheap, and only if its content differs is it captured again.
 
 A cell that exceeds a budget is cut in halves (:mod:`mmi.budgets`). Its record then has ``halves``, and no files.

@@ -66,8 +66,9 @@ class GridMesh:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layer:
-    """A picture of one layer in one sector: ``index`` is its colour in the event graph, ``objects`` (n,) what it shows.
+    """A picture of one layer in one sector: ``index`` is its colour in the event graph, ``objects`` (n,) what it is made of.
 
+    Others that touch those show in rims of a texel (:mod:`mmi.rims`).
     A layer whose objects leave wide gaps between them has several ``part`` s in a sector (0, 1, ... from left to right).
     ``displacement`` is how far its mesh draws a texel from where it was captured, radians, at most, from the cell's corners.
     """

@@ -23,12 +23,11 @@ from numpy.typing import NDArray
 
 from mmi.displacement import as_seen, chord
 from mmi.impostor import DepthTexture, GridMesh
-from mmi.triangulation import triangulated
+from mmi.triangulation import UV_ERROR, stretch, triangulated
 
 __all__ = ["grid_mesh"]
 
 _LARGEST = 64  # texels: the rectangles that cutting begins with
-_UV_ERROR = 1.0  # texels
 _REACH = 3  # texels around a vertex that its depth is fitted to
 _ONE_SURFACE = 0.01  # relative difference of depths between neighbouring texels of one surface, at most
 
@@ -180,20 +179,13 @@ def _worst(
 
 @njit(cache=True, error_model="numpy")
 def _stretched(box: tuple[int, int, int, int], corners: tuple[float, float, float, float]) -> tuple[bool, bool]:
-    """Whether perspective interpolation along its sides or its diagonal is off by too much: to be cut in x, in y.
-
-    Halfway between two vertices n texels apart with depths z0 and z1 it is off by n |z0 - z1| / (2 (z0 + z1)) texels.
-    """
+    """Whether perspective interpolation along its sides or its diagonal is off by too much: to be cut in x, in y."""
     wide, high = float(box[2] - box[0]), float(box[3] - box[1])
     upper_left, upper_right, lower_left, lower_right = corners
-
-    def off(n: float, one: float, other: float) -> float:
-        return 0.5 * n * abs(one - other) / (one + other)
-
-    across = max(off(wide, upper_left, upper_right), off(wide, lower_left, lower_right))
-    down = max(off(high, upper_left, lower_left), off(high, upper_right, lower_right))
-    diagonal = off((wide * wide + high * high) ** 0.5, upper_left, lower_right)
-    if max(across, down, diagonal) <= _UV_ERROR:
+    across = max(stretch(wide, upper_left, upper_right), stretch(wide, lower_left, lower_right))
+    down = max(stretch(high, upper_left, lower_left), stretch(high, upper_right, lower_right))
+    diagonal = stretch((wide * wide + high * high) ** 0.5, upper_left, lower_right)
+    if max(across, down, diagonal) <= UV_ERROR:
         return False, False
     return across >= down, across < down
 

@@ -107,7 +107,7 @@ def _rays(view: View) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray
     return azimuth, stretch, -v[:, None] / (view.focal * stretch)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _cover(
     depth: NDArray[np.float32],
     column: NDArray[np.int64],
@@ -126,7 +126,7 @@ def _cover(
                 far[r, c] = max(far[r, c], distance)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _cover_with(
     solids: NDArray[np.float64], low: float, step: float, near: NDArray[np.float32], far: NDArray[np.float32]
 ) -> None:
@@ -169,7 +169,7 @@ def _heights_around(
     return terrain.at(points) - eye[2], apart
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _cover_with_ground(
     heights: NDArray[np.float64],
     apart: float,
@@ -189,7 +189,7 @@ def _cover_with_ground(
                 far[r, c] = max(far[r, c], np.float32(apart * (k + 1)))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _least_around(values: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
     """(layers, rows, columns): the least within ``reach`` bins each way; columns go around."""
     layers, rows, columns = values.shape
@@ -208,7 +208,7 @@ def _least_around(values: NDArray[np.float32], reach: int) -> NDArray[np.float32
     return result
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _harmed(
     corners: NDArray[np.float64],
     nearness: NDArray[np.float64],

@@ -22,7 +22,7 @@ _TOUCH = 0.05
 _ONE_EDGE = 0.01
 """Relative difference of depths, halfway between two texels, of surfaces that meet there, at most."""
 _STEEPEST = 0.05
-"""Relative difference of depths between neighbouring texels of a surface that is continued, at most."""
+"""Relative difference of depths between neighbouring texels of one surface, at most."""
 
 
 def touching(city: City, objects: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -34,8 +34,10 @@ def touching(city: City, objects: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.column_stack([objects[one[apart]], objects[other[apart]]])
 
 
-def with_rims(texture: DepthTexture, beside: DepthTexture) -> DepthTexture:
-    """``texture`` with a rim of a texel, where it ends because of what ``beside`` shows: touching objects, from the same view.
+def with_rims(texture: DepthTexture, beside: DepthTexture, pairs: NDArray[np.int64]) -> DepthTexture:
+    """``texture`` with a rim of a texel, where its objects end at those of ``pairs`` (m, 2; :func:`touching`) that touch them.
+
+    ``beside`` shows those others from the same view.
 
     A texel is part of the rim where it is next to a covered one and ``texture`` shows nothing in it, or a surface of the same
     object that lies behind. Where what ``beside`` shows there meets the surface of the covered one, halfway between both, the
@@ -44,8 +46,12 @@ def with_rims(texture: DepthTexture, beside: DepthTexture) -> DepthTexture:
     """
     if texture.view.window != beside.view.window:
         raise ValueError(f"pictures of one window expected, found {texture.view.window} and {beside.view.window}")
+    count = int(pairs.max(initial=-1)) + 1
     arrays = _rimmed(
-        (texture.color, texture.depth, texture.object_ids), (beside.color, beside.depth, beside.object_ids)
+        (texture.color, texture.depth, texture.object_ids),
+        (beside.color, beside.depth, beside.object_ids),
+        np.unique(pairs @ np.array([count, 1])),
+        count,
     )
     return DepthTexture(texture.view, *arrays)
 
@@ -54,8 +60,8 @@ _Picture = tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int32]]
 
 
 @njit(cache=True, error_model="numpy")
-def _rimmed(picture: _Picture, other: _Picture) -> _Picture:
-    """Colour, depth and ids of ``picture`` with its rim, see :func:`with_rims`."""
+def _rimmed(picture: _Picture, other: _Picture, pairs: NDArray[np.int64], count: int) -> _Picture:
+    """Colour, depth and ids of ``picture`` with its rim, see :func:`with_rims`; ``pairs`` are sorted: one * count + other."""
     color, depth, ids = picture
     other_color, other_depth, other_ids = other
     height, width = depth.shape
@@ -74,14 +80,23 @@ def _rimmed(picture: _Picture, other: _Picture) -> _Picture:
                 one, empty = ids[cj, ci], ids[j, i] < 0
                 if not empty and (ids[j, i] != one or depth[j, i] <= (1.0 + _ONE_EDGE) * other_depth[j, i]):
                     continue
-                v = 1.0 / np.float64(depth[cj, ci])
+                pair = np.int64(one) * count + other_ids[j, i]
+                place = np.searchsorted(pairs, pair)
+                if place == len(pairs) or pairs[place] != pair:
+                    continue
                 # 1/z is linear in planes: both surfaces are continued to halfway between the two texels.
-                known = 0 <= bi < width and 0 <= bj < height and ids[bj, bi] == one
-                slope = v - 1.0 / np.float64(depth[bj, bi]) if known else 0.0
-                other_known = 0 <= oi < width and 0 <= oj < height and other_ids[oj, oi] == other_ids[j, i]
-                other_slope = w - 1.0 / np.float64(other_depth[oj, oi]) if other_known else -slope
+                v = 1.0 / np.float64(depth[cj, ci])
+                slope, other_slope = np.nan, np.nan
+                if 0 <= bi < width and 0 <= bj < height and ids[bj, bi] == one:
+                    slope = v - 1.0 / np.float64(depth[bj, bi])
+                if 0 <= oi < width and 0 <= oj < height and other_ids[oj, oi] == other_ids[j, i]:
+                    other_slope = w - 1.0 / np.float64(other_depth[oj, oi])
+                # Where depth jumps there, it tells nothing; a surface without a slope of its own goes on as the other does.
+                known, other_known = abs(slope) <= _STEEPEST * v, abs(other_slope) <= _STEEPEST * w
                 if not known:
-                    slope = -other_slope
+                    slope = -other_slope if other_known else 0.0
+                if not other_known:
+                    other_slope = -slope
                 if abs((w + 0.5 * other_slope) - (v + 0.5 * slope)) <= _ONE_EDGE * w:
                     new_color[j, i], new_depth[j, i], new_ids[j, i] = (
                         other_color[j, i],
@@ -89,7 +104,6 @@ def _rimmed(picture: _Picture, other: _Picture) -> _Picture:
                         other_ids[j, i],
                     )
                     break
-                continued = min(max(v + slope, (1.0 - _STEEPEST) * v), (1.0 + _STEEPEST) * v)
-                if empty and w > continued:
-                    new_color[j, i], new_depth[j, i], new_ids[j, i] = color[cj, ci], 1.0 / continued, one
+                if empty and w > v + slope:
+                    new_color[j, i], new_depth[j, i], new_ids[j, i] = color[cj, ci], 1.0 / (v + slope), one
     return new_color, new_depth, new_ids

@@ -121,9 +121,10 @@ def layer_views(
         seen, u, v_low, v_high = _project(a, b, bottom, top, azimuth, fine, border / fine)
         if not seen.any():
             continue
-        left = max(quad * math.floor(u.min() / quad), -border)
-        right = min(quad * math.ceil(u.max() / quad), border)
-        upper, lower = quad * math.floor(v_low.min() / quad), quad * math.ceil(v_high.max() / quad)
+        # With room for a rim of a texel (mmi.rims) all around.
+        left = max(quad * math.floor((u.min() - 1.0) / quad), -border)
+        right = min(quad * math.ceil((u.max() + 1.0) / quad), border)
+        upper, lower = quad * math.floor((v_low.min() - 1.0) / quad), quad * math.ceil((v_high.max() + 1.0) / quad)
         window = (left, upper, max(right - left, quad), max(lower - upper, quad))
         views.append((sector, level_view(eye, azimuth, focal=fine, window=window)))
     return views

@@ -6,7 +6,7 @@ Vertex colours multiply it: a tint of the building's own and light (``mmi.shadin
 
 Geometry is exactly that of the prisms, or of the mesh that an object came with (``mmi.modelled``): walls of prisms are
 vertical, roofs flat, positions float32 of the city's local frame. Walls between touching buildings are kept (each object is
-whole by itself) but have no windows.
+whole by itself); they have no windows, or along cuts those of the facade's end.
 """
 
 from __future__ import annotations
@@ -235,8 +235,7 @@ def _walls_along(
     prism = prism_of_ring[ring]
     owner = owners[prism]
 
-    touched = _touched(a, b)
-    blind = (length < _BLIND) | (touched >= 0)
+    blind = (length < _BLIND) | (_touched(a, b, np.zeros_like(prism)) >= 0)
     bays = np.where(blind, length / facades.BAY, np.maximum(1, np.rint(length / facades.BAY)))
     turn = np.arange(len(prism)) - np.searchsorted(prism, prism)  # which edge of its prism
     u_a = ((looks.bay[owner] + 3 * turn) % facades.BAYS) / facades.BAYS
@@ -244,10 +243,9 @@ def _walls_along(
     normal = np.column_stack([b[:, 1] - a[:, 1], a[:, 0] - b[:, 0], np.zeros(len(a))]) / length[:, None]
     base = looks.tint[owner] * light(normal)
 
-    same_height = (heights[prism] == heights[prism[touched]]).all(axis=1)
-    is_cut = (
-        (touched >= 0) & same_height & (looks.whole[owner] == looks.whole[owner[touched]]) & (owner != owner[touched])
-    )
+    _, height = np.unique(heights @ [1.0, 1.0j], return_inverse=True)
+    across = _touched(a, b, height[prism] * len(looks.whole) + looks.whole[owner])
+    is_cut = (across >= 0) & (owner != owner[across])
     before, after = _neighbours(is_cut, ring)
     is_cut &= before >= 0
     cut, uncut = np.flatnonzero(is_cut), np.flatnonzero(~is_cut)
@@ -269,12 +267,16 @@ def _walls_along(
     )
 
 
-def _touched(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.int64]:
-    """For each edge a -> b, (n, 2) each, one that is b -> a (to the centimetre), so that two prisms touch; -1 for none."""
+def _touched(a: NDArray[np.float64], b: NDArray[np.float64], kind: NDArray[np.int64]) -> NDArray[np.int64]:
+    """For each edge a -> b, (n, 2) each, one of its ``kind`` (n,) that is b -> a (to the centimetre), so that two prisms touch;
+    -1 for none.
+    """
     x, y = np.rint(100.0 * np.concatenate([a, b])).astype(np.int64).T
-    _, names = np.unique((x << 32) + y, return_inverse=True)
-    from_name, to_name = names.reshape(2, -1).astype(np.int64)
-    forth, back = from_name * len(names) + to_name, to_name * len(names) + from_name
+    _, points = np.unique((x << 32) + y, return_inverse=True)
+    start, end = points.reshape(2, -1).astype(np.int64)
+    count = len(points) + 1
+    _, edges = np.unique(np.concatenate([start * count + end, end * count + start]), return_inverse=True)
+    forth, back = edges.reshape(2, -1).astype(np.int64) * (kind.max(initial=0) + 1) + kind
     order = np.argsort(back, kind="stable")
     place = order[np.searchsorted(back, forth, sorter=order) % max(len(back), 1)]
     return np.where(back[place] == forth, place, -1)

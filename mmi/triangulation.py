@@ -12,7 +12,19 @@ from numpy.typing import NDArray
 
 from mmi.displacement import chord
 
-__all__ = ["triangulated"]
+__all__ = ["UV_ERROR", "stretch", "triangulated"]
+
+UV_ERROR = 1.0
+"""Texels that perspective interpolation may be off."""
+
+
+@njit(cache=True, error_model="numpy")
+def stretch(length: float, one: float, other: float) -> float:
+    """Texels that perspective interpolation of texture coordinates is off halfway between two vertices, of these 1/z.
+
+    With n texels between them and depths z0 and z1, that is n |z0 - z1| / (2 (z0 + z1)).
+    """
+    return 0.5 * length * abs(one - other) / (one + other)
 
 
 @njit(cache=True, error_model="numpy")
@@ -105,23 +117,27 @@ def _apex(
     That is within the tolerance, or no worse than what the other displaces. Two triangles less.
     """
     around = len(ring)
-    limit = 0.0
+    limit, reach = 0.0, (offsets**2).sum(axis=1).max() ** 0.5
     for apex in range(around):
-        # No triangle may be a line: of its own sides, none has a third vertex.
-        flat = False
+        # No triangle may be a line (of its own sides, none has a third vertex), and none too long for its texture.
+        apt = True
+        tip = lattice[ring[apex]]
         for k in range(apex + 1, apex + around - 1):
-            flat |= _area(lattice, ring[k % around], ring[(k + 1) % around], ring[apex]) <= 0.0
-        if flat:
+            one, next_one = ring[k % around], ring[(k + 1) % around]
+            far = np.hypot(lattice[one, 0] - tip[0], lattice[one, 1] - tip[1])
+            apt &= _area(lattice, one, next_one, ring[apex]) > 0.0
+            apt &= stretch(far, values[one], values[ring[apex]]) <= UV_ERROR
+        if not apt:
             continue
         if limit == 0.0:
             limit = tolerance
             for k in range(around):
                 of_middle = (ring[k], ring[(k + 1) % around], middle)
-                limit = _off(inverse, lattice, values, of_middle, frame, offsets, limit)
+                limit = _off(inverse, lattice, values, of_middle, frame, offsets, reach, limit)
         within = True
         for k in range(apex + 1, apex + around - 1):
             corners = (ring[k % around], ring[(k + 1) % around], ring[apex])
-            within &= _off(inverse, lattice, values, corners, frame, offsets, limit) <= limit
+            within &= _off(inverse, lattice, values, corners, frame, offsets, reach, limit) <= limit
         if within:
             return apex
     return -1
@@ -143,15 +159,16 @@ def _off(
     corners: tuple[int, int, int],
     frame: tuple[float, float, float],
     offsets: NDArray[np.float64],
+    reach: float,
     least: float,
 ) -> float:
-    """``least``, or by how much a triangle displaces a texel at most, as a chord, if that is more."""
+    """``least``, or by how much a triangle displaces a texel at most, as a chord, if that is more.
+
+    ``reach`` metres from the capture, all viewpoints lie.
+    """
     (ax, ay), (bx, by), (cx, cy) = lattice[corners[0]], lattice[corners[1]], lattice[corners[2]]
     a, b, c = values[corners[0]], values[corners[1]], values[corners[2]]
     area = _area(lattice, corners[0], corners[1], corners[2])
-    reach = 0.0
-    for k in range(len(offsets)):
-        reach = max(reach, (offsets[k, 0] ** 2 + offsets[k, 1] ** 2 + offsets[k, 2] ** 2) ** 0.5)
     for j in range(int(min(ay, by, cy)), int(np.ceil(max(ay, by, cy)))):
         for i in range(int(min(ax, bx, cx)), int(np.ceil(max(ax, bx, cx)))):
             w, x, y = inverse[j, i], i + 0.5, j + 0.5

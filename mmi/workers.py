@@ -28,6 +28,7 @@ from mmi.errors import DatasetError, MmiError
 from mmi.parameters import BuildParameters
 from mmi.stored import city_from_json, fingerprint, object_fingerprints
 from mmi.surfaces import CityMesh
+from mmi.terrain import Terrain
 
 __all__ = ["Done", "Job", "costs_over_budget", "package_version", "peak_memory", "run_jobs", "without_interrupts"]
 
@@ -90,6 +91,7 @@ class _Worker:
             self.scene = prepare_scene(city, parameters)
             self.prints = _looks(self.scene.mesh, object_fingerprints(city))
             self.atlas = hashlib.sha256(self.scene.mesh.texture.data).hexdigest()
+            self.terrain = _terrain_print(city.terrain)
             self.capturer = Capturer(self.scene.mesh)
 
     def make(self, job: Job) -> Done:
@@ -124,13 +126,23 @@ class _Worker:
             package_version(),
             self.scene.parameters.as_dict(),
             self.scene.city.ground,
+            self.terrain,
             self.atlas,
         ]
         return fingerprint([settings, _cell_values(job.cell), job.neighbours, ids, prints])
 
 
+def _terrain_print(terrain: Terrain | None) -> str:
+    """Fingerprint of the ground: which triangles need captured depths depends on it, wherever it is."""
+    if terrain is None:
+        return ""
+    place = hashlib.sha256(np.array([*terrain.origin, terrain.spacing, *terrain.heights.shape]).data)
+    place.update(terrain.heights.data)
+    return place.hexdigest()
+
+
 def _looks(mesh: CityMesh, shapes: list[str]) -> list[str]:
-    """Fingerprints of objects with what they look like, which depends on neighbours: walls between them are blind."""
+    """Fingerprints of objects with what they look like, which depends on neighbours: walls between them have no windows."""
     ends, first = mesh.object_triangles, mesh.object_vertices[:-1]
     triangles = mesh.triangles - np.repeat(first, np.diff(ends)).astype(np.int32)[:, None]
     per_vertex = [np.ascontiguousarray(array) for array in (mesh.positions, mesh.uv, mesh.colors)]

@@ -237,6 +237,17 @@ def test_walls_along_a_cut_are_painted_like_the_end_of_the_facade(shape):
     assert np.ptp(u, axis=1).max() == 0.0
 
 
+def test_so_are_those_of_prisms_on_top_of_each_other():
+    shape = box(0, 0, 60, 12)
+    tower = CityObject("tower", (Prism(shape, 0.0, 9.6), Prism(shape, 9.6, 19.2)))
+    mesh = build_city_mesh(cut_objects(city_of(tower), 40.0))
+    seam = np.all(mesh.positions[mesh.triangles][..., 0] == 30.0, axis=1)
+    uv = mesh.uv[mesh.triangles][seam]
+    assert seam.sum() == 16  # two parts, two prisms each, and two walls of two triangles
+    assert np.ptp(uv[..., 0], axis=1).max() == 0.0
+    assert np.ptp(uv[..., 1], axis=1).min() > 0.03  # storeys, no plain strip
+
+
 def test_a_tile_without_facades_has_plain_walls_along_cuts():
     cut = cut_objects(city_of(solid(box(0, 0, 90, 90))), 30.0)
     mesh = build_city_mesh(cut)

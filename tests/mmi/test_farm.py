@@ -11,7 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from cities import block, crossroads
+from hills import hilly_city
 
 from mmi.camera import Camera
 from mmi.cellfiles import read_impostor, stored_cell
@@ -145,6 +147,27 @@ def test_a_changed_building_rebuilds_the_cells_that_see_it_and_no_others(tmp_pat
     assert summary.unchanged == summary.cells - len(sees) > 0
     build_dataset(high, tmp_path / "fresh", PARAMETERS)
     assert contents(out) == contents(tmp_path / "fresh")
+
+
+def test_changed_ground_rebuilds_cells_although_no_object_is_another(tmp_path):
+    """What lies between a mesh and what was captured may be a hill that nothing stands on."""
+    city = hilly_city(3)
+    assert city.terrain is not None
+    away = shapely.union_all([*(one.footprint for one in city.objects), street_lines(city)]).buffer(2.5 * 8.0)
+    points = city.terrain.points
+    raised = city.terrain.heights + np.where(shapely.contains_xy(away, points[..., 0], points[..., 1]), 0.0, 4.0)
+    other = replace(city, terrain=replace(city.terrain, heights=raised))
+    assert (raised != city.terrain.heights).any() and other.ground == city.ground
+    out = tmp_path / "out"
+    assert build_dataset(city, out, PARAMETERS).built > 0
+    summary = build_dataset(other, out, PARAMETERS)
+    assert summary.built == summary.cells
+    build_dataset(other, tmp_path / "fresh", PARAMETERS)
+    assert contents(out) == contents(tmp_path / "fresh")
+
+
+def street_lines(city):
+    return shapely.union_all([street["geometry"] for _, _, street in city.streets.edges(data=True)])
 
 
 def test_a_changed_parameter_rebuilds_everything(tmp_path):

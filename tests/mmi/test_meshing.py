@@ -335,7 +335,9 @@ def test_an_empty_texture_is_refused():
 # Texture coordinates as a graphics card interpolates them
 
 
-@pytest.mark.parametrize(("b", "c"), [(0.0, 0.0), (2e-5, 0.0), (9e-5, 0.0), (0.0, -4e-5), (5e-5, 4e-5)])
+@pytest.mark.parametrize(
+    ("b", "c"), [(0.0, 0.0), (2e-5, 0.0), (9e-5, 0.0), (0.0, -4e-5), (5e-5, 4e-5), (-1.43e-5, 1.09e-4)]
+)
 def test_interpolated_texture_coordinates_are_within_a_texel_on_planes(b, c):
     texture = texture_of(plane(64, 256, 0.004, b, c), left=-128)
     _, found = drawn(texture, meshed(texture))

@@ -15,6 +15,7 @@ from mmi.rims import touching, with_rims
 from mmi.surfaces import build_city_mesh
 
 VIEW = level_view(np.array([0.0, 0.0, 1.7]), 0.3, focal=100.0, window=(-20, -15, 40, 30))
+TOUCH = np.array([[3, 5], [4, 5]])
 U, V = np.meshgrid(*VIEW.pixel_centres())
 
 
@@ -37,7 +38,7 @@ def column(k):
 LEFT = np.broadcast_to(np.arange(40) < 20, (30, 40))
 
 
-def plain_rims(ours, theirs):
+def plain_rims(ours, theirs, pairs):
     """The twin of the compiled loop: one texel after the other, in words."""
     color, depth, ids = ours.color.copy(), ours.depth.copy(), ours.object_ids.copy()
 
@@ -56,10 +57,16 @@ def plain_rims(ours, theirs):
                 continue
             if here == one and depth[place] <= 1.01 * theirs.depth[place]:
                 continue
+            if (one, object_at(theirs, place)) not in pairs:
+                continue
             our, their = nearness(ours, covered), nearness(theirs, place)
             our_slope = our - nearness(ours, behind) if object_at(ours, behind) == one else None
             same = object_at(theirs, across) == object_at(theirs, place)
             their_slope = their - nearness(theirs, across) if same else None
+            if our_slope is not None and abs(our_slope) > 0.05 * our:
+                our_slope = None
+            if their_slope is not None and abs(their_slope) > 0.05 * their:
+                their_slope = None
             if our_slope is None:
                 our_slope = -their_slope if their_slope is not None else 0.0
             if their_slope is None:
@@ -71,15 +78,14 @@ def plain_rims(ours, theirs):
                     theirs.object_ids[place],
                 )
                 break
-            goes_on = float(np.clip(our + our_slope, 0.95 * our, 1.05 * our))
-            if here < 0 and their > goes_on:
-                color[place], depth[place], ids[place] = ours.color[covered], 1.0 / goes_on, one
+            if here < 0 and their > our + our_slope:
+                color[place], depth[place], ids[place] = ours.color[covered], 1.0 / (our + our_slope), one
     return color, depth, ids
 
 
 def test_a_wall_that_goes_on_is_shown_a_texel_farther():
     ours, theirs = picture(3, wall(), LEFT), picture(5, wall(), ~LEFT, color=200)
-    found = with_rims(ours, theirs)
+    found = with_rims(ours, theirs, TOUCH)
     rim = found.object_ids != ours.object_ids
     assert (rim == column(20)).all()
     for name in ("color", "depth", "object_ids"):
@@ -89,14 +95,14 @@ def test_a_wall_that_goes_on_is_shown_a_texel_farther():
 
 def test_so_is_one_that_turns_at_the_corner():
     # 1/z has the same value between columns 19 and 20, where U is 0, and another slope.
-    found = with_rims(picture(3, wall(across=3e-4), LEFT), picture(5, wall(across=-9e-4), ~LEFT))
+    found = with_rims(picture(3, wall(across=3e-4), LEFT), picture(5, wall(across=-9e-4), ~LEFT), TOUCH)
     assert (np.isfinite(found.depth) == (LEFT | column(20))).all()
     assert np.allclose(found.depth[:, 20], wall(across=-9e-4)[:, 20])
 
 
 def test_a_wall_goes_on_behind_what_stands_in_front_of_its_end():
     ours = picture(3, wall(), LEFT)
-    found = with_rims(ours, picture(5, 0.5 * wall(), ~LEFT, color=200))
+    found = with_rims(ours, picture(5, 0.5 * wall(), ~LEFT, color=200), TOUCH)
     rim = found.object_ids != ours.object_ids
     assert (rim == column(20)).all()
     assert np.allclose(found.depth[rim], wall()[rim], rtol=1e-3)
@@ -111,9 +117,23 @@ def test_a_wall_goes_on_behind_what_stands_in_front_of_its_end():
 )
 def test_other_silhouettes_stay(theirs):
     ours = picture(3, wall(), LEFT)
-    found = with_rims(ours, theirs)
+    found = with_rims(ours, theirs, TOUCH)
     assert np.array_equal(found.object_ids, ours.object_ids)
     assert np.array_equal(found.depth, ours.depth)
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.5])
+def test_what_does_not_touch_makes_no_rim(factor):
+    ours = picture(3, wall(), LEFT)
+    found = with_rims(ours, picture(6, factor * wall(), ~LEFT), TOUCH)
+    assert np.array_equal(found.object_ids, ours.object_ids)
+
+
+def test_a_wing_behind_does_not_tell_how_a_wall_goes_on():
+    """Of the last two columns, one shows the wall and one a wing of the same house far behind it."""
+    far = np.where(column(18), 3.0, 1.0) * wall()
+    found = with_rims(picture(3, far, LEFT), picture(5, wall(), ~LEFT), TOUCH)
+    assert (found.object_ids[:, 20] == 5).all()
 
 
 @pytest.mark.parametrize(("owner", "gives_way"), [(3, True), (4, False)], ids=["its own", "another's"])
@@ -122,7 +142,7 @@ def test_only_an_objects_own_farther_surface_gives_way(owner, gives_way):
     ids = np.where(LEFT, 3, owner).astype(np.int32)
     ours = DepthTexture(VIEW, np.zeros((30, 40, 3), np.uint8), depth.astype(np.float32), ids)
     for factor in (1.0, 0.5):
-        found = with_rims(ours, picture(5, factor * wall(), ~LEFT))
+        found = with_rims(ours, picture(5, factor * wall(), ~LEFT), TOUCH)
         rim = (found.object_ids == 5).any()
         assert rim == (gives_way and factor == 1.0)
 
@@ -133,7 +153,7 @@ def test_views_must_be_the_same():
         other, np.zeros((30, 20, 3), np.uint8), np.full((30, 20), np.inf, np.float32), np.full((30, 20), -1, np.int32)
     )
     with pytest.raises(ValueError, match="one window expected"):
-        with_rims(picture(3, wall(), LEFT), texture)
+        with_rims(picture(3, wall(), LEFT), texture, TOUCH)
 
 
 @given(seed=st.integers(0, 2**32 - 1))
@@ -150,7 +170,8 @@ def test_random_pictures_get_the_rim_that_plain_python_finds(seed):
         return DepthTexture(VIEW, rng.integers(0, 255, (30, 40, 3), dtype=np.uint8), depth, ids)
 
     ours, theirs = some(0), some(10)
-    found, (color, depth, ids) = with_rims(ours, theirs), plain_rims(ours, theirs)
+    pairs = [(0, 10), (1, 10), (1, 11)]
+    found, (color, depth, ids) = with_rims(ours, theirs, np.array(pairs)), plain_rims(ours, theirs, pairs)
     assert np.array_equal(found.object_ids, ids)
     assert np.array_equal(found.color, color)
     assert np.allclose(found.depth, depth, rtol=1e-6)
@@ -177,7 +198,7 @@ def test_a_rim_is_what_all_together_show_there(eye):
     view = level_view(np.array(eye), azimuth, focal=220.0, window=(-128, -128, 256, 256))
     with Capturer(build_city_mesh(city)) as capturer:
         ours, theirs, both = (capturer.depth_textures(np.array(some), [view])[0] for some in ([1], [0, 2], [0, 1, 2]))
-    found = with_rims(ours, theirs)
+    found = with_rims(ours, theirs, touching(city, np.arange(3)))
     rim = (found.object_ids != ours.object_ids) | (found.depth != ours.depth)
     shown = rim & (found.object_ids != 1)
     assert shown.sum() > 20

@@ -170,3 +170,17 @@ def test_walls_out_of_sight_have_no_part_in_windows_and_texels():
 def test_floating_prisms_have_windows_above_the_ground():
     views = _views(city_of(block("bridge", 80.0, -5.0, 90.0, 5.0, 20.0, bottom=15.0)), [0])
     assert views[0].window[1] + views[0].window[3] <= -64
+
+
+@given(left=st.floats(-20.0, 20.0), width=st.floats(3.0, 30.0), top=st.floats(3.0, 40.0), away=st.floats(30.0, 200.0))
+@settings(max_examples=60, deadline=None)
+def test_there_is_room_for_a_texel_around_what_is_shown(left, width, top, away):
+    """Where a house ends in a sector, what touches it may show in a rim of a texel."""
+    for view in _views(city_of(block("house", left, away, left + width, away + 8.0, top)), [0]).values():
+        x, y = np.meshgrid([left, left + width], [away, away + 8.0])
+        corners = np.column_stack([x.ravel(), y.ravel(), np.full(4, top)])
+        u, v, depth = view.project(corners).T
+        inside = (depth > 1.0) & (np.abs(u) < view.focal * math.tan(math.pi / 6.0))
+        assert (u[inside] - 1.0 >= view.window[0]).all()
+        assert (u[inside] + 1.0 <= view.window[0] + view.window[2]).all()
+        assert (v[inside] - 1.0 >= view.window[1]).all()
