@@ -9,9 +9,10 @@ object, its depth, and by what angle an impostor's surface is displaced from the
 from __future__ import annotations
 
 import ctypes
+import sys
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from types import TracebackType
 from typing import Any
 
@@ -39,6 +40,8 @@ _MOST_VIEWS = 16
 """Sets of layers of a cell kept as index buffers; a viewer who turns around meets a new one every few degrees."""
 _LAYER_VERTEX_BYTES = 24
 _SAMPLE_ALPHA_TO_COVERAGE = 0x809E
+_SWITCH_INTERVAL = 5e-4
+"""Seconds for which other threads may keep the interpreter when OpenGL has finished a frame."""
 
 
 class Renderer:
@@ -72,7 +75,7 @@ class Renderer:
     def _prepare(self, mesh: CityMesh, ground: CityMesh, size: tuple[int, int], measured: bool, samples: int) -> None:
         self.size, self.measured, self._samples = size, measured, samples
         self._timer = self._context.query(time=True)
-        self._finish = _finish_without_lock() or self._context.finish
+        self._finish = _finish_without_lock() or self._finish_with_lock
         self._modes = (False, True) if measured else (False,)
         self._programs = {(kind, mode): self._program(kind, mode) for kind in KINDS for mode in self._modes}
         self._city = self._upload_mesh(
@@ -84,6 +87,7 @@ class Renderer:
         self._beyond = self._triangles(self._backdrop, plain.triangles)
         self._sets: dict[object, Triangles] = {}
         self._cells: dict[CellKey, CellBuffers] = {}
+        self._rooms: dict[CellKey, list[Any]] = {}  # of cells that still make room
         self._screen = {
             (kind, mode): self._context.vertex_array(self._programs[kind, mode].program, [])
             for kind in ("sky", "fade")
@@ -111,22 +115,34 @@ class Renderer:
     def upload(self, cell: LoadedCell) -> None:
         """Bring all layers of a cell to the GPU."""
         for layer in cell.layers:
-            self.upload_layer(cell, layer)
+            while not self.upload_layer(cell, layer):
+                pass
 
-    def upload_layer(self, cell: LoadedCell, layer: LoadedLayer) -> None:
-        """Bring one of a cell's layers to the GPU; draws refer to it by the cell's key and its name."""
+    def upload_layer(self, cell: LoadedCell, layer: LoadedLayer) -> bool:
+        """Bring one of a cell's layers to the GPU; draws refer to it by the cell's key and its name. Whether it is there now.
+
+        The first calls for a cell only make room, each some of it: that takes as long as many layers.
+        """
         with self._context:
             buffers = self._cells.get(cell.key)
             if buffers is None:
-                buffers = self._cells[cell.key] = self._cell_buffers(cell)
+                self._make_room(cell)
+                return False
             if layer.name not in buffers.triangles:
                 self._fill(buffers, layer)
+            return True
 
     def evict(self, cell: CellKey) -> None:
         """Free a cell's layers; nothing where they are not there."""
         with self._context:
+            for texture in self._rooms.pop(cell, ()):
+                texture.release()
             if cell in self._cells:
                 self._cells.pop(cell).release()
+
+    def _finish_with_lock(self) -> None:
+        self._context.finish()
+        time.sleep(0.0)  # lets other threads in
 
     # --------------------------------------------------------------------------------------------------- drawing
 
@@ -142,7 +158,8 @@ class Renderer:
             start = time.perf_counter()
             with self._timer:
                 triangles, draws = self._draw(plan, view, measured)
-            self._finish()
+            with _quick_switches():
+                self._finish()
             seconds = time.perf_counter() - start
             sent = (seconds, self._timer.elapsed * 1e-9, triangles, draws)
             color = self._color(measured) if read else np.empty((0, 0, 3), dtype=np.uint8)
@@ -351,8 +368,8 @@ class Renderer:
         texture.repeat_x = texture.repeat_y = True
         return texture
 
-    def _cell_buffers(self, cell: LoadedCell) -> CellBuffers:
-        """Room for all layers of a cell."""
+    def _make_room(self, cell: LoadedCell) -> None:
+        """Make the next texture for the layers of a cell; after the last one, the rest of the room for them."""
         limit = self._context.info["GL_MAX_TEXTURE_SIZE"]
         if max(cell.size) > limit:
             raise CaptureError(
@@ -361,16 +378,18 @@ class Renderer:
         kinds = [(4, "f1", moderngl.LINEAR), (1, "f4", moderngl.NEAREST)]
         if self.measured:
             kinds.append((1, "i4", moderngl.NEAREST))
-        textures = []
-        for components, dtype, smoothing in kinds:
-            texture = self._context.texture(cell.size, components, dtype=dtype, alignment=1)
-            texture.filter = (smoothing, smoothing)  # texels are about as large as pixels: no mipmaps
-            texture.repeat_x = texture.repeat_y = False
-            textures.append(texture)
+        textures = self._rooms.setdefault(cell.key, [])
+        components, dtype, smoothing = kinds[len(textures)]
+        texture = self._context.texture(cell.size, components, dtype=dtype, alignment=1)
+        texture.filter = (smoothing, smoothing)  # texels are about as large as pixels: no mipmaps
+        texture.repeat_x = texture.repeat_y = False
+        textures.append(texture)
+        if len(textures) < len(kinds):
+            return
         counts = [len(layer.vertices) for layer in cell.layers]
         first = dict(zip((layer.name for layer in cell.layers), np.cumsum([0, *counts]).tolist(), strict=False))
         vertices = self._context.buffer(reserve=max(sum(counts), 1) * _LAYER_VERTEX_BYTES)
-        return CellBuffers(cell.eye, tuple(textures), vertices, first, {}, {})
+        self._cells[cell.key] = CellBuffers(cell.eye, tuple(self._rooms.pop(cell.key)), vertices, first, {}, {})
 
     def _fill(self, cell: CellBuffers, layer: LoadedLayer) -> None:
         """Put a layer where there is room for it."""
@@ -383,6 +402,17 @@ class Renderer:
         cell.vertices.write(layer.vertices.astype("<f4").tobytes(), offset=first * _LAYER_VERTEX_BYTES)
         triangles = layer.triangles + np.int32(first)
         cell.triangles[layer.name] = triangles[: layer.plain], triangles[layer.plain :]
+
+
+@contextmanager
+def _quick_switches() -> Iterator[None]:
+    """Let threads take turns more often than Python does by itself: its 5 ms would be felt in a frame."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(_SWITCH_INTERVAL)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)
 
 
 def _finish_without_lock() -> Callable[[], object] | None:

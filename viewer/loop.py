@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -24,8 +25,12 @@ __all__ = ["FrameTimes", "Painter", "run_walk"]
 
 _UPLOADING = 0.1
 """Share of the last frame's time that uploads of cells ahead may take in the next."""
-_SWITCH_INTERVAL = 5e-4
-"""Seconds that the loading thread may hold the interpreter; Python's own 5 ms would be felt in a frame."""
+_RECENT = 64
+"""Frames whose median says what a frame takes."""
+_DEAR = 1.2
+"""Times that, after which uploads ahead wait for cheaper frames: the next one will be as dear as the last. Half of them are."""
+_SWITCH_INTERVAL = 1.0
+"""Seconds after which the loading thread may take the interpreter from a frame; it gets it while OpenGL draws."""
 
 
 class Painter(Protocol):
@@ -77,7 +82,8 @@ def run_walk(
     """
     times: list[FrameTimes] = []
     last, place = 0.0, ""
-    with _quick_switches():
+    recent: deque[float] = deque(maxlen=_RECENT)
+    with _undisturbed():
         for step in steps:
             view = step.pose.view(camera)
             start = time.perf_counter()
@@ -86,7 +92,8 @@ def run_walk(
             planned = time.perf_counter() - start
             loading = cache.require((*plan.cells, *plan.ahead[:1]), counted=False) if step.cut else 0.0
             waiting = cache.require(plan.cells)
-            uploading = cache.spend(_UPLOADING * last)
+            dear = bool(recent) and last > _DEAR * sorted(recent)[len(recent) // 2]
+            uploading = 0.0 if dear else cache.spend(_UPLOADING * last)
             frame = painter.draw(plan, view, read=read)
             total = planned + waiting + uploading + frame.seconds
             times.append(
@@ -106,14 +113,15 @@ def run_walk(
                 )
             )
             last, place = total, plan.place
+            recent.append(total)
             if shown is not None:
                 shown(step, view, plan, frame)
     return times
 
 
 @contextmanager
-def _quick_switches() -> Iterator[None]:
-    """Let threads take turns more often than Python does by itself."""
+def _undisturbed() -> Iterator[None]:
+    """Let no other thread in but where this one waits: what reads files may not give the interpreter back for milliseconds."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCH_INTERVAL)
     try:

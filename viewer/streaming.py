@@ -30,8 +30,8 @@ _Size = Callable[[CellKey], int]
 class LayerStore(Protocol):
     """Where layers are drawn from: a renderer, or a test's double of one."""
 
-    def upload_layer(self, cell: LoadedCell, layer: LoadedLayer) -> None:
-        """Take one of a cell's layers in."""
+    def upload_layer(self, cell: LoadedCell, layer: LoadedLayer) -> bool:
+        """Take one of a cell's layers in; whether that is done, or has to be asked for again."""
         ...
 
     def evict(self, cell: CellKey) -> None:
@@ -155,7 +155,7 @@ class CellCache:
         return seconds
 
     def spend(self, seconds: float) -> float:
-        """Upload layers that have arrived, at least one and then for at most ``seconds``; the seconds that took."""
+        """Upload layers that have arrived, a piece at least and then for at most ``seconds``; the seconds that took."""
         start = time.perf_counter()
         self._take_in()
         while self._uploading:
@@ -189,7 +189,8 @@ class CellCache:
 
     def _upload_one(self, key: CellKey) -> None:
         cell, layers = self._uploading[key]
-        self._store.upload_layer(cell, layers.pop(0))
+        if self._store.upload_layer(cell, layers[0]):
+            del layers[0]
         if not layers:
             del self._uploading[key]
 

@@ -240,7 +240,8 @@ def test_captured_depth_decides_between_layers(scene, place, renderer):
     for layer in loaded.layers:
         positions, coordinates = layer.vertices[:, :3], layer.vertices[:, 3:]
         vertices = np.hstack([eye + 1.1 * (positions - eye), 1.1 * coordinates]).astype(np.float32)
-        renderer.upload_layer(pushed_cell, replace(layer, vertices=vertices, plain=0))
+        while not renderer.upload_layer(pushed_cell, replace(layer, vertices=vertices, plain=0)):
+            pass
     pushed = Plan((Objects("near", place.near), CellLayers(key, place.layers), every_tile(scene), Sky()))
     frames = [renderer.draw(plan, view, measured=True) for plan in (layered(scene, place), pushed)]
     assert np.mean(frames[0].object_ids != frames[1].object_ids) < 1e-3

@@ -1,12 +1,14 @@
 """The frame loop with a painter that draws nothing: what it asks for, and when."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from viewer.frame import Frame
 from viewer.loop import run_walk
+from viewer.technique import Plan
 from viewer.techniques import TECHNIQUES, cell_cache, make_technique
 from viewer.walk import Keyframe, Pose, Walk
 
@@ -29,6 +31,7 @@ class Painter:
 
     def upload_layer(self, cell, layer):
         self.there.setdefault(cell.key, set()).add(layer.name)
+        return True
 
     def evict(self, cell):
         self.there.pop(cell, None)
@@ -107,6 +110,43 @@ def test_a_walk_waits_at_its_start_and_where_it_is_cut_and_says_so_apart(scenes)
         assert times[i].waiting == 0.0
         assert times[i].total < times[i].loading + 1.0
     assert all(one.loading == 0.0 for i, one in enumerate(times) if i not in cuts)
+
+
+class Spender:
+    """A cache that has everything, and remembers in which frames it was given time for uploads."""
+
+    def __init__(self, painter):
+        self.painter, self.frames = painter, []
+
+    def want(self, needed, ahead=()):
+        pass
+
+    def require(self, cells, *, counted=True):  # noqa: ARG002
+        return 0.0
+
+    def spend(self, seconds):  # noqa: ARG002
+        self.frames.append(len(self.painter.plans))
+        return 0.0
+
+
+def test_uploads_ahead_wait_for_frames_that_are_not_dear(scenes):
+    def seconds(frame):
+        return 5.0 if frame % 10 in (7, 8, 9) or frame >= 100 else 1.0
+
+    class Scripted(Painter):
+        def draw(self, plan, view, *, read=True):
+            frame = super().draw(Plan(()), view, read=read)
+            return replace(frame, seconds=seconds(len(self.plans) - 1), triangles=len(plan.draws))
+
+    painter = Scripted()
+    cache = Spender(painter)
+    technique = make_technique("multi-mesh", scenes)
+    times = run_walk(WALK.frames(10.0), technique, painter, cache, camera=scenes["multi-mesh"].camera)
+    dear = {i + 1 for i in range(len(times)) if seconds(i) == 5.0}
+    given = set(cache.frames)
+    assert not given & {i for i in dear if i <= 100}
+    assert {i for i in range(1, 101)} - dear <= given
+    assert {i for i in dear if i >= 140} <= given | {len(times)}  # by then, that is what a frame takes
 
 
 def test_a_frame_is_the_sum_of_its_parts(scenes):

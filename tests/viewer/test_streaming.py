@@ -42,6 +42,7 @@ class Store:
 
     def upload_layer(self, cell, layer):
         self.layers.setdefault(cell.key, []).append(layer.name)
+        return True
 
     def evict(self, where):
         self.layers.pop(where, None)
@@ -187,6 +188,29 @@ def test_uploads_are_few_at_a_time(made):
         counts.append(len(store.layers.get(key("a"), [])))
         time.sleep(0.002)
     assert max(np.diff([0, *counts])) == 1
+
+
+def test_a_store_that_makes_room_first_is_asked_again():
+    class Roomy(Store):
+        def __init__(self):
+            super().__init__()
+            self.made = []
+
+        def upload_layer(self, cell, layer):
+            if self.made.count(cell.key) < 2:
+                self.made.append(cell.key)
+                return False
+            return super().upload_layer(cell, layer)
+
+    store, where = Roomy(), key("a")
+    with CellCache(lambda where, _: cell(where), lambda _: LAYERS * SIZE, store) as cache:
+        cache.want([], [where])
+        pieces = 0
+        while not cache.holds(where):
+            pieces += cache.spend(0.0) > 0.0 and where in store.made
+        assert pieces >= 2 + LAYERS
+        assert store.layers[where] == [layer.name for layer in cell(where).layers]
+        assert len(store.made) == 2
 
 
 def test_a_cell_without_layers_is_there_at_once():
