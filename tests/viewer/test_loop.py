@@ -145,7 +145,7 @@ def test_uploads_ahead_wait_for_frames_that_are_not_dear(scenes):
     dear = {i + 1 for i in range(len(times)) if seconds(i) == 5.0}
     given = set(cache.frames)
     assert not given & {i for i in dear if i <= 100}
-    assert {i for i in range(1, 101)} - dear <= given
+    assert set(range(1, 101)) - dear <= given
     assert {i for i in dear if i >= 140} <= given | {len(times)}  # by then, that is what a frame takes
 
 
