@@ -58,6 +58,8 @@ _FINEST_QUAD = 8
 """Texels: rays this close to each other count as one, since a mesh connects them."""
 _MESH_SHARE = 0.5
 """Of the threshold: what a mesh may displace where depth does not jump."""
+_RIM_SHARE = 0.25
+"""Of the threshold: what a rim may be off the surface that it continues."""
 _COLUMNS = 30_000
 """Of rehearsed pictures, around the cell, at most."""
 _REHEARSED = 10.0
@@ -230,6 +232,7 @@ def capture_layers(
     parameters, watch, cell = scene.parameters, watch or Stopwatch(), plan.selection.cell
     viewpoints = np.column_stack([cell.corners, np.full(4, cell.reference[2])])
     sight, half_width = plan.selection.sight, math.tan(math.pi / parameters.sectors)
+    tolerance = _RIM_SHARE * parameters.max_angle
     with watch.stage("windows"):
         pairs = touching(scene.city, plan.selection.objects)
     for index, objects in enumerate(plan.layers):
@@ -254,7 +257,7 @@ def capture_layers(
                 if sight is not None:
                     whole = without_unseen(whole, scene.walls, sight)
                 if rim is not None:
-                    whole = with_rims(whole, rim, ends)
+                    whole = with_rims(whole, rim, ends, viewpoints=viewpoints, tolerance=tolerance)
                 parts = covered_parts(whole, quad=parameters.quad, half_width=half_width)
             del whole, rim
             for part, texture in enumerate(parts):

@@ -6,9 +6,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mmi.camera import View
 from mmi.impostor import DepthTexture, GridMesh
 
-__all__ = ["as_seen", "chord", "displacement", "may_exceed"]
+__all__ = ["as_seen", "chord", "displacement", "frame_of", "may_exceed"]
 
 
 def displacement(texture: DepthTexture, mesh: GridMesh, viewpoints: NDArray[np.float64]) -> float:
@@ -23,13 +24,15 @@ def displacement(texture: DepthTexture, mesh: GridMesh, viewpoints: NDArray[np.f
 def as_seen(
     texture: DepthTexture, viewpoints: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], tuple[float, float, float], NDArray[np.float64]]:
-    """What :func:`chord` is about: 1/z (h, w), 0 where nothing was hit; the window's left, top and focal length in texels; and
-    ``viewpoints`` (k, 3) in the capture's eye space.
-    """
-    view = texture.view
+    """What :func:`chord` is about: 1/z (h, w), 0 where nothing was hit, and what :func:`frame_of` says of the view."""
     inverse = np.where(texture.coverage, 1.0 / texture.depth.astype(np.float64), 0.0)
+    return inverse, *frame_of(texture.view, viewpoints)
+
+
+def frame_of(view: View, viewpoints: NDArray[np.float64]) -> tuple[tuple[float, float, float], NDArray[np.float64]]:
+    """The window's left, top and focal length in texels, and ``viewpoints`` (k, 3) in the capture's eye space."""
     offsets = viewpoints @ view.eye_from_world[:3, :3].T + view.eye_from_world[:3, 3]
-    return inverse, (float(view.window[0]), float(view.window[1]), view.focal), offsets
+    return (float(view.window[0]), float(view.window[1]), view.focal), offsets
 
 
 @njit(cache=True, error_model="numpy")

@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mmi.city import City
+from mmi.displacement import chord, frame_of
 from mmi.impostor import DepthTexture
 
 __all__ = ["touching", "with_rims"]
@@ -21,6 +22,8 @@ _TOUCH = 0.05
 """Metres between footprints of objects that touch, at most."""
 _ONE_EDGE = 0.01
 """Relative difference of depths, halfway between two texels, of surfaces that meet there, at most."""
+_EVEN = 1e-3
+"""Relative difference of depths that is none."""
 _STEEPEST = 0.05
 """Relative difference of depths between neighbouring texels of one surface, at most."""
 
@@ -34,15 +37,23 @@ def touching(city: City, objects: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.column_stack([objects[one[apart]], objects[other[apart]]])
 
 
-def with_rims(texture: DepthTexture, beside: DepthTexture, pairs: NDArray[np.int64]) -> DepthTexture:
+def with_rims(
+    texture: DepthTexture,
+    beside: DepthTexture,
+    pairs: NDArray[np.int64],
+    *,
+    viewpoints: NDArray[np.float64],
+    tolerance: float,
+) -> DepthTexture:
     """``texture`` with a rim of a texel, where its objects end at those of ``pairs`` (m, 2; :func:`touching`) that touch them.
 
     ``beside`` shows those others from the same view.
 
     A texel is part of the rim where it is next to a covered one and ``texture`` shows nothing in it, or a surface of the same
-    object that lies behind. Where what ``beside`` shows there meets the surface of the covered one, halfway between both, the
-    rim shows that. Where it lies in front instead, nobody knows from here where the surface ends: the rim continues it, if
-    ``texture`` shows nothing. Raises ValueError where the views' windows differ.
+    object that lies behind. Where what ``beside`` shows there meets the surface of the covered one, halfway between both, and
+    lies within ``tolerance`` radians of that surface as ``viewpoints`` (k, 3) see it, the rim shows it. Where it turns farther
+    away, or lies in front, so that nobody knows from here where the surface ends, the rim continues the surface, if ``texture``
+    shows nothing. Raises ValueError where the views' windows differ.
     """
     if texture.view.window != beside.view.window:
         raise ValueError(f"pictures of one window expected, found {texture.view.window} and {beside.view.window}")
@@ -52,6 +63,8 @@ def with_rims(texture: DepthTexture, beside: DepthTexture, pairs: NDArray[np.int
         (beside.color, beside.depth, beside.object_ids),
         np.unique(pairs @ np.array([count, 1])),
         count,
+        *frame_of(texture.view, viewpoints),
+        2.0 * np.sin(0.5 * tolerance),
     )
     return DepthTexture(texture.view, *arrays)
 
@@ -60,8 +73,19 @@ _Picture = tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int32]]
 
 
 @njit(cache=True, error_model="numpy")
-def _rimmed(picture: _Picture, other: _Picture, pairs: NDArray[np.int64], count: int) -> _Picture:
-    """Colour, depth and ids of ``picture`` with its rim, see :func:`with_rims`; ``pairs`` are sorted: one * count + other."""
+def _rimmed(
+    picture: _Picture,
+    other: _Picture,
+    pairs: NDArray[np.int64],
+    count: int,
+    frame: tuple[float, float, float],
+    offsets: NDArray[np.float64],
+    tolerance: float,
+) -> _Picture:
+    """Colour, depth and ids of ``picture`` with its rim, see :func:`with_rims`.
+
+    ``pairs`` are one * ``count`` + other, sorted; ``tolerance`` is a chord.
+    """
     color, depth, ids = picture
     other_color, other_depth, other_ids = other
     height, width = depth.shape
@@ -78,7 +102,7 @@ def _rimmed(picture: _Picture, other: _Picture, pairs: NDArray[np.int64], count:
                 if not (0 <= ci < width and 0 <= cj < height) or ids[cj, ci] < 0:
                     continue
                 one, empty = ids[cj, ci], ids[j, i] < 0
-                if not empty and (ids[j, i] != one or depth[j, i] <= (1.0 + _ONE_EDGE) * other_depth[j, i]):
+                if not empty and (ids[j, i] != one or depth[j, i] <= (1.0 + _EVEN) * other_depth[j, i]):
                     continue
                 pair = np.int64(one) * count + other_ids[j, i]
                 place = np.searchsorted(pairs, pair)
@@ -97,13 +121,14 @@ def _rimmed(picture: _Picture, other: _Picture, pairs: NDArray[np.int64], count:
                     slope = -other_slope if other_known else 0.0
                 if not other_known:
                     other_slope = -slope
-                if abs((w + 0.5 * other_slope) - (v + 0.5 * slope)) <= _ONE_EDGE * w:
+                meets = abs((w + 0.5 * other_slope) - (v + 0.5 * slope)) <= _ONE_EDGE * w
+                if meets and chord(i + 0.5, j + 0.5, w, v + slope, frame, offsets) <= tolerance:
                     new_color[j, i], new_depth[j, i], new_ids[j, i] = (
                         other_color[j, i],
                         other_depth[j, i],
                         other_ids[j, i],
                     )
                     break
-                if empty and w > v + slope:
+                if empty and (meets or w > v + slope):
                     new_color[j, i], new_depth[j, i], new_ids[j, i] = color[cj, ci], 1.0 / (v + slope), one
     return new_color, new_depth, new_ids

@@ -16,6 +16,8 @@ from mmi.surfaces import build_city_mesh
 
 VIEW = level_view(np.array([0.0, 0.0, 1.7]), 0.3, focal=100.0, window=(-20, -15, 40, 30))
 TOUCH = np.array([[3, 5], [4, 5]])
+VIEWPOINTS = VIEW.eye + np.array([[x, y, 0.0] for x in (-3.0, 3.0) for y in (-1.0, 1.0)])
+LIMITS = {"viewpoints": VIEWPOINTS, "tolerance": 0.02}
 U, V = np.meshgrid(*VIEW.pixel_centres())
 
 
@@ -38,6 +40,14 @@ def column(k):
 LEFT = np.broadcast_to(np.arange(40) < 20, (30, 40))
 
 
+def seen_apart(place, one, other):
+    """Radians between two points of a texel's ray, from the worst of the viewpoints."""
+    u, v = (float(array[place]) for array in (U, V))
+    rays = [VIEW.unproject(np.array([u]), np.array([v]), np.array([1.0 / w]))[0] - VIEWPOINTS for w in (one, other)]
+    a, b = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)
+    return float(np.arccos(np.clip((a * b).sum(axis=1), -1.0, 1.0)).max())
+
+
 def plain_rims(ours, theirs, pairs):
     """The twin of the compiled loop: one texel after the other, in words."""
     color, depth, ids = ours.color.copy(), ours.depth.copy(), ours.object_ids.copy()
@@ -55,7 +65,7 @@ def plain_rims(ours, theirs, pairs):
             one, here = object_at(ours, covered), object_at(ours, place)
             if one < 0 or here not in (-1, one):
                 continue
-            if here == one and depth[place] <= 1.01 * theirs.depth[place]:
+            if here == one and depth[place] <= 1.001 * theirs.depth[place]:
                 continue
             if (one, object_at(theirs, place)) not in pairs:
                 continue
@@ -71,21 +81,22 @@ def plain_rims(ours, theirs, pairs):
                 our_slope = -their_slope if their_slope is not None else 0.0
             if their_slope is None:
                 their_slope = -our_slope
-            if abs(their + 0.5 * their_slope - our - 0.5 * our_slope) <= 0.01 * their:
+            meets = abs(their + 0.5 * their_slope - our - 0.5 * our_slope) <= 0.01 * their
+            if meets and seen_apart(place, their, our + our_slope) <= LIMITS["tolerance"]:
                 color[place], depth[place], ids[place] = (
                     theirs.color[place],
                     theirs.depth[place],
                     theirs.object_ids[place],
                 )
                 break
-            if here < 0 and their > our + our_slope:
+            if here < 0 and (meets or their > our + our_slope):
                 color[place], depth[place], ids[place] = ours.color[covered], 1.0 / (our + our_slope), one
     return color, depth, ids
 
 
 def test_a_wall_that_goes_on_is_shown_a_texel_farther():
     ours, theirs = picture(3, wall(), LEFT), picture(5, wall(), ~LEFT, color=200)
-    found = with_rims(ours, theirs, TOUCH)
+    found = with_rims(ours, theirs, TOUCH, **LIMITS)
     rim = found.object_ids != ours.object_ids
     assert (rim == column(20)).all()
     for name in ("color", "depth", "object_ids"):
@@ -95,14 +106,24 @@ def test_a_wall_that_goes_on_is_shown_a_texel_farther():
 
 def test_so_is_one_that_turns_at_the_corner():
     # 1/z has the same value between columns 19 and 20, where U is 0, and another slope.
-    found = with_rims(picture(3, wall(across=3e-4), LEFT), picture(5, wall(across=-9e-4), ~LEFT), TOUCH)
+    found = with_rims(picture(3, wall(across=3e-4), LEFT), picture(5, wall(across=-9e-4), ~LEFT), TOUCH, **LIMITS)
     assert (np.isfinite(found.depth) == (LEFT | column(20))).all()
     assert np.allclose(found.depth[:, 20], wall(across=-9e-4)[:, 20])
 
 
+def test_one_that_turns_far_away_is_continued_instead():
+    """A mesh would have to bend by more than the tolerance within a texel."""
+    ours, theirs = picture(3, wall(across=3e-4), LEFT), picture(5, wall(across=-9e-4), ~LEFT)
+    found = with_rims(ours, theirs, TOUCH, viewpoints=VIEWPOINTS, tolerance=1e-4)
+    assert (found.object_ids[:, 20] == 3).all()
+    assert np.allclose(found.depth[:, 20], wall(across=3e-4)[:, 20], rtol=1e-4)
+    close = VIEW.eye + 40.0 * (VIEWPOINTS - VIEW.eye) / 3.0  # the wall is 50 m away
+    assert (with_rims(ours, theirs, TOUCH, viewpoints=close, tolerance=1e-3).object_ids[:, 20] == 3).all()
+
+
 def test_a_wall_goes_on_behind_what_stands_in_front_of_its_end():
     ours = picture(3, wall(), LEFT)
-    found = with_rims(ours, picture(5, 0.5 * wall(), ~LEFT, color=200), TOUCH)
+    found = with_rims(ours, picture(5, 0.5 * wall(), ~LEFT, color=200), TOUCH, **LIMITS)
     rim = found.object_ids != ours.object_ids
     assert (rim == column(20)).all()
     assert np.allclose(found.depth[rim], wall()[rim], rtol=1e-3)
@@ -117,7 +138,7 @@ def test_a_wall_goes_on_behind_what_stands_in_front_of_its_end():
 )
 def test_other_silhouettes_stay(theirs):
     ours = picture(3, wall(), LEFT)
-    found = with_rims(ours, theirs, TOUCH)
+    found = with_rims(ours, theirs, TOUCH, **LIMITS)
     assert np.array_equal(found.object_ids, ours.object_ids)
     assert np.array_equal(found.depth, ours.depth)
 
@@ -125,14 +146,14 @@ def test_other_silhouettes_stay(theirs):
 @pytest.mark.parametrize("factor", [1.0, 0.5])
 def test_what_does_not_touch_makes_no_rim(factor):
     ours = picture(3, wall(), LEFT)
-    found = with_rims(ours, picture(6, factor * wall(), ~LEFT), TOUCH)
+    found = with_rims(ours, picture(6, factor * wall(), ~LEFT), TOUCH, **LIMITS)
     assert np.array_equal(found.object_ids, ours.object_ids)
 
 
 def test_a_wing_behind_does_not_tell_how_a_wall_goes_on():
     """Of the last two columns, one shows the wall and one a wing of the same house far behind it."""
     far = np.where(column(18), 3.0, 1.0) * wall()
-    found = with_rims(picture(3, far, LEFT), picture(5, wall(), ~LEFT), TOUCH)
+    found = with_rims(picture(3, far, LEFT), picture(5, wall(), ~LEFT), TOUCH, **LIMITS)
     assert (found.object_ids[:, 20] == 5).all()
 
 
@@ -142,7 +163,7 @@ def test_only_an_objects_own_farther_surface_gives_way(owner, gives_way):
     ids = np.where(LEFT, 3, owner).astype(np.int32)
     ours = DepthTexture(VIEW, np.zeros((30, 40, 3), np.uint8), depth.astype(np.float32), ids)
     for factor in (1.0, 0.5):
-        found = with_rims(ours, picture(5, factor * wall(), ~LEFT), TOUCH)
+        found = with_rims(ours, picture(5, factor * wall(), ~LEFT), TOUCH, **LIMITS)
         rim = (found.object_ids == 5).any()
         assert rim == (gives_way and factor == 1.0)
 
@@ -153,7 +174,7 @@ def test_views_must_be_the_same():
         other, np.zeros((30, 20, 3), np.uint8), np.full((30, 20), np.inf, np.float32), np.full((30, 20), -1, np.int32)
     )
     with pytest.raises(ValueError, match="one window expected"):
-        with_rims(picture(3, wall(), LEFT), texture, TOUCH)
+        with_rims(picture(3, wall(), LEFT), texture, TOUCH, **LIMITS)
 
 
 @given(seed=st.integers(0, 2**32 - 1))
@@ -171,7 +192,7 @@ def test_random_pictures_get_the_rim_that_plain_python_finds(seed):
 
     ours, theirs = some(0), some(10)
     pairs = [(0, 10), (1, 10), (1, 11)]
-    found, (color, depth, ids) = with_rims(ours, theirs, np.array(pairs)), plain_rims(ours, theirs, pairs)
+    found, (color, depth, ids) = with_rims(ours, theirs, np.array(pairs), **LIMITS), plain_rims(ours, theirs, pairs)
     assert np.array_equal(found.object_ids, ids)
     assert np.array_equal(found.color, color)
     assert np.allclose(found.depth, depth, rtol=1e-6)
@@ -198,7 +219,7 @@ def test_a_rim_is_what_all_together_show_there(eye):
     view = level_view(np.array(eye), azimuth, focal=220.0, window=(-128, -128, 256, 256))
     with Capturer(build_city_mesh(city)) as capturer:
         ours, theirs, both = (capturer.depth_textures(np.array(some), [view])[0] for some in ([1], [0, 2], [0, 1, 2]))
-    found = with_rims(ours, theirs, touching(city, np.arange(3)))
+    found = with_rims(ours, theirs, touching(city, np.arange(3)), **LIMITS)
     rim = (found.object_ids != ours.object_ids) | (found.depth != ours.depth)
     shown = rim & (found.object_ids != 1)
     assert shown.sum() > 20
