@@ -157,8 +157,8 @@ def triangulate(polygons: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.in
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Walls:
-    """Walls along edges of footprints, from ``a`` to ``b`` (n, 2), their ``prism``, and how they look: ``u`` (n, 2) at both
-    ends, ``blind`` without windows, and ``base`` (n, 3), tint and light.
+    """Walls along edges of footprints, from ``a`` to ``b`` (n, 2), of ``prism`` (n,), and how they look at both ends: ``u``
+    (n, 2), ``blind`` (n, 2) without windows, and ``base`` (n, 2, 3), tint and light.
     """
 
     a: NDArray[np.float64]
@@ -201,15 +201,18 @@ def _walls(
     owner = owners[prism[wall]]
     style = looks.style[owner]
     strip_top, strip_bottom = facades.plain_strip(style)
-    v_low = np.where(walls.blind[wall], strip_bottom, facades.storey_v(style, low_row))
-    v_high = np.where(walls.blind[wall], strip_top, facades.storey_v(style, high_row))
-    a, b, base, (u_a, u_b) = walls.a[wall], walls.b[wall], walls.base[wall], walls.u[wall].T
-    corners = [(a, low, u_a, v_low), (b, low, u_b, v_low), (b, high, u_b, v_high), (a, high, u_a, v_high)]
+    v_low = [np.where(blind, strip_bottom, facades.storey_v(style, low_row)) for blind in walls.blind[wall].T]
+    v_high = [np.where(blind, strip_top, facades.storey_v(style, high_row)) for blind in walls.blind[wall].T]
+    ends, u, base = (walls.a[wall], walls.b[wall]), walls.u[wall], walls.base[wall]
+    corners = [
+        (ends[k], z, u[:, k], v[k], base[:, k])
+        for z, v, k in ((low, v_low, 0), (low, v_low, 1), (high, v_high, 1), (high, v_high, 0))
+    ]
     quads = np.arange(len(wall))[:, None, None]
     return Part(
-        positions=_interleave([np.column_stack([xy, z]) for xy, z, _, _ in corners]),
-        uv=_interleave([np.column_stack([u, v]) for _, _, u, v in corners]),
-        colors=_interleave([base * contact(z - grounds[prism][wall])[:, None] for _, z, _, _ in corners]),
+        positions=_interleave([np.column_stack([xy, z]) for xy, z, *_ in corners]),
+        uv=_interleave([np.column_stack([u, v]) for _, _, u, v, _ in corners]),
+        colors=_interleave([tint * contact(z - grounds[prism][wall])[:, None] for _, z, _, _, tint in corners]),
         triangles=(4 * quads + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3),
         owners=np.repeat(owner, 4),
     )
@@ -220,8 +223,8 @@ def _walls_along(
 ) -> _Walls:
     """The walls of all prisms. Whole bays fit between the ends of each that has windows.
 
-    What stands along a cut (:mod:`mmi.cuts`) is two walls, each painted like the end of the facade that it meets. Nobody sees
-    these, but for a pixel at their rims where one part is geometry and its neighbour a texture: it is to look like the facade.
+    What stands along a cut (:mod:`mmi.cuts`) is at both ends painted like the facade that ends there. Nobody sees it, but for
+    a pixel at its rims where one part is geometry and its neighbour a texture: that is to look like the facade.
     """
     rings, prism_of_ring = shapely.get_rings(polygons, return_index=True)
     points, ring = shapely.get_coordinates(rings, return_index=True)
@@ -247,24 +250,12 @@ def _walls_along(
     across = _touched(a, b, height[prism] * len(looks.whole) + looks.whole[owner])
     is_cut = (across >= 0) & (owner != owner[across])
     before, after = _neighbours(is_cut, ring)
-    is_cut &= before >= 0
-    cut, uncut = np.flatnonzero(is_cut), np.flatnonzero(~is_cut)
-    before, after = before[cut], after[cut]
-    middle = 0.5 * (a[cut] + b[cut])
-    like = np.concatenate([uncut, before, after])
-    return _Walls(
-        a=np.concatenate([a[uncut], a[cut], middle]),
-        b=np.concatenate([b[uncut], middle, b[cut]]),
-        prism=np.concatenate([prism[uncut], prism[cut], prism[cut]]),
-        u=np.column_stack(
-            [
-                np.concatenate([u_a[uncut], u_b[before], u_a[after]]),
-                np.concatenate([u_b[uncut], u_b[before], u_a[after]]),
-            ]
-        ),
-        blind=blind[like],
-        base=base[like],
-    )
+    cut = is_cut & (before >= 0)
+    each = np.arange(len(a))
+    like = np.column_stack([np.where(cut, before, each), np.where(cut, after, each)])
+    u = np.column_stack([np.where(cut, u_b[before], u_a), np.where(cut, u_a[after], u_b)])
+    u[cut, 1] += np.rint(u[cut, 0] - u[cut, 1])  # the texture repeats: the short way
+    return _Walls(a, b, prism, u, blind[like], base[like])
 
 
 def _touched(a: NDArray[np.float64], b: NDArray[np.float64], kind: NDArray[np.int64]) -> NDArray[np.int64]:
