@@ -263,7 +263,7 @@ def capture_layers(
             for part, texture in enumerate(parts):
                 with watch.stage("meshing"):
                     mesh = grid_mesh(texture, viewpoints=viewpoints, tolerance=_MESH_SHARE * parameters.max_angle)
-                    shown = np.intersect1d(texture.object_ids, objects)
+                    shown = objects[np.isin(objects, texture.object_ids, kind="table")]
                     displaced = displacement(texture, mesh, viewpoints)
                 yield Layer(index, sector, part, shown, texture, mesh, displaced)
         textures.close()

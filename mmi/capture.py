@@ -113,8 +113,8 @@ class Capturer:
         with self._in_scene([primitive for primitive, _ in drawn]) as meshes:
             for view in views:
                 color, depth, ids = self._picture(meshes[0], drawn[0][1], groups[0], view, supersample)
-                for mesh, (_, triangles), group in zip(meshes[1:], drawn[1:], groups[1:], strict=True):
-                    other = self._picture(mesh, triangles, group, view, supersample)
+                for mesh, (_, extent), group in zip(meshes[1:], drawn[1:], groups[1:], strict=True):
+                    other = self._picture(mesh, extent, group, view, supersample)
                     color, depth, ids = _nearer((color, depth, ids), other)
                 if supersample > 1:
                     color, depth, ids = _average_within_objects(color, depth, ids, supersample)
@@ -133,14 +133,12 @@ class Capturer:
         plain = pyrender.MetallicRoughnessMaterial(baseColorFactor=[1.0, 1.0, 1.0, 1.0], doubleSided=True)
         primitive = pyrender.Primitive(positions=positions, color_0=colors, indices=part.triangles, material=plain)
         with self._in_scene([primitive]) as [mesh]:
-            rgba, _ = self._render(mesh, positions[part.triangles], view, 1)
+            rgba, _ = self._render(mesh, _extent(positions[part.triangles]), view, 1)
         number = rgba[..., :3].astype(np.int32) @ np.array([1, 1 << 8, 1 << 16], dtype=np.int32)
         return np.concatenate([[-1], objects]).astype(np.int32)[np.where(rgba[..., 3] > 0, number, 0)]
 
-    def _numbered(
-        self, objects: NDArray[np.int64], eye: NDArray[np.float64]
-    ) -> tuple[pyrender.Primitive, NDArray[np.float64]]:
-        """At most 255 objects to draw, alpha telling which, and their triangles (m, 3, 3) relative to ``eye``."""
+    def _numbered(self, objects: NDArray[np.int64], eye: NDArray[np.float64]) -> tuple[pyrender.Primitive, _Extent]:
+        """At most 255 objects to draw, alpha telling which, and between which distances from ``eye`` they lie."""
         part = mesh_of(self._mesh, objects)
         positions = part.positions - eye  # float64, so that float32 begins at the eye
         numbers = np.repeat(np.arange(1, len(objects) + 1), np.diff(part.object_vertices))
@@ -154,7 +152,7 @@ class Capturer:
             indices=part.triangles,
             material=self._material,
         )
-        return primitive, positions[part.triangles]
+        return primitive, _extent(positions[part.triangles])
 
     @contextmanager
     def _in_scene(self, primitives: Sequence[pyrender.Primitive]) -> Iterator[list[pyrender.Mesh]]:
@@ -170,31 +168,32 @@ class Capturer:
     def _picture(
         self,
         mesh: pyrender.Mesh,
-        triangles: NDArray[np.float64],
+        extent: _Extent,
         objects: NDArray[np.int64],
         view: View,
         supersample: int,
     ) -> _Picture:
         """Colour (h, w, 3), depth (h, w) and id (h, w) of numbered objects."""
-        rgba, depth = self._render(mesh, triangles, view, supersample)
+        rgba, depth = self._render(mesh, extent, view, supersample)
         ids = np.full(256, -1, dtype=np.int32)
         ids[1 : len(objects) + 1] = objects
         return np.ascontiguousarray(rgba[..., :3]), depth, ids[rgba[..., 3]]
 
     def _render(
-        self, mesh: pyrender.Mesh, triangles: NDArray[np.float64], view: View, supersample: int
+        self, mesh: pyrender.Mesh, extent: _Extent, view: View, supersample: int
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """RGBA and depth of one mesh of the scene, whose ``triangles`` (m, 3, 3) have the eye at their origin."""
+        """RGBA and depth of one mesh of the scene, which has the eye at its origin."""
         self._platform.make_current()  # another context may have been used since
-        clearance, far = _clearance(triangles[..., :2]), float(np.sqrt((triangles**2).sum(axis=-1).max()))
-        self._look_through(view, clearance, far)
+        self._look_through(view, *extent)
         self._renderer.viewport_width = view.window[2] * supersample
         self._renderer.viewport_height = view.window[3] * supersample
         mesh.is_visible = True
         try:
             rgba, depth = self._renderer.render(self._scene, _FLAGS)
         except OpenGLError as error:
-            raise CaptureError(f"OpenGL failed to capture {len(triangles)} triangles: {error}") from error
+            raise CaptureError(
+                f"OpenGL failed to capture {len(mesh.primitives[0].indices)} triangles: {error}"
+            ) from error
         finally:
             mesh.is_visible = False
         return rgba, depth
@@ -214,6 +213,8 @@ class Capturer:
 
 
 _Picture = tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int32]]
+_Extent = tuple[float, float]
+"""Horizontal distance from the eye to the nearest point, and distance to the farthest one."""
 
 
 class _WindowCamera(pyrender.Camera):
@@ -348,6 +349,11 @@ def _destroy_context(platform: Any) -> None:  # noqa: ANN401
         platform._egl_display, egl.egl.EGL_NO_SURFACE, egl.egl.EGL_NO_SURFACE, egl.egl.EGL_NO_CONTEXT
     )
     egl.egl.eglDestroyContext(platform._egl_display, platform._egl_context)
+
+
+def _extent(triangles: NDArray[np.float64]) -> _Extent:
+    """Of triangles (m, 3, 3) relative to the eye."""
+    return _clearance(triangles[..., :2]), float(np.sqrt((triangles**2).sum(axis=-1).max()))
 
 
 def _clearance(triangles: NDArray[np.float64]) -> float:

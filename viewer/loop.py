@@ -28,7 +28,7 @@ _UPLOADING = 0.1
 _RECENT = 64
 """Frames whose median says what a frame takes."""
 _DEAR = 1.2
-"""Times that, after which uploads ahead wait for cheaper frames: the next one will be as dear as the last. Half of them are."""
+"""Times that, after which uploads ahead wait: the next frame will be as dear as the last. So is the first in a cell."""
 _SWITCH_INTERVAL = 1.0
 """Seconds after which the loading thread may take the interpreter from a frame; it gets it while OpenGL draws."""
 
@@ -92,7 +92,8 @@ def run_walk(
             planned = time.perf_counter() - start
             loading = cache.require((*plan.cells, *plan.ahead[:1]), counted=False) if step.cut else 0.0
             waiting = cache.require(plan.cells)
-            dear = bool(recent) and last > _DEAR * sorted(recent)[len(recent) // 2]
+            usual = sorted(recent)[len(recent) // 2] if recent else last
+            dear = plan.place != place or last > _DEAR * usual
             uploading = 0.0 if dear else cache.spend(_UPLOADING * last)
             frame = painter.draw(plan, view, read=read)
             total = planned + waiting + uploading + frame.seconds
