@@ -24,11 +24,11 @@ from viewer.walk import Step
 __all__ = ["FrameTimes", "Painter", "run_walk"]
 
 _UPLOADING = 0.1
-"""Share of the last frame's time that uploads of cells ahead may take in the next."""
+"""Share of a usual frame's time that uploads of cells ahead may take in one."""
 _RECENT = 64
 """Frames whose median says what a frame takes."""
 _DEAR = 1.2
-"""Times that, after which uploads ahead wait: the next frame will be as dear as the last. So is the first in a cell."""
+"""Times that, from which on a frame is dear enough: uploads of cells ahead wait for another one."""
 _SWITCH_INTERVAL = 1.0
 """Seconds after which the loading thread may take the interpreter from a frame; it gets it while OpenGL draws."""
 
@@ -92,11 +92,11 @@ def run_walk(
             planned = time.perf_counter() - start
             loading = cache.require((*plan.cells, *plan.ahead[:1]), counted=False) if step.cut else 0.0
             waiting = cache.require(plan.cells)
-            usual = sorted(recent)[len(recent) // 2] if recent else last
-            dear = plan.place != place or last > _DEAR * usual
-            uploading = 0.0 if dear else cache.spend(_UPLOADING * last)
             frame = painter.draw(plan, view, read=read)
-            total = planned + waiting + uploading + frame.seconds
+            spent = planned + waiting + frame.seconds
+            usual = sorted(recent)[len(recent) // 2] if recent else spent
+            uploading = cache.spend(_UPLOADING * usual) if spent <= _DEAR * usual else 0.0
+            total = spent + uploading
             times.append(
                 FrameTimes(
                     time=step.time,
@@ -114,7 +114,7 @@ def run_walk(
                 )
             )
             last, place = total, plan.place
-            recent.append(total)
+            recent.append(spent)
             if shown is not None:
                 shown(step, view, plan, frame)
     return times
