@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 import time
+from bisect import bisect_left, insort
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -25,7 +26,7 @@ __all__ = ["FrameTimes", "Painter", "run_walk"]
 
 _UPLOADING = 0.1
 """Share of a usual frame's time that uploads of cells ahead may take in one."""
-_RECENT = 64
+_RECENT = 1024
 """Frames whose median says what a frame takes."""
 _DEAR = 1.2
 """Times that, from which on a frame is dear enough: uploads of cells ahead wait for another one."""
@@ -82,7 +83,8 @@ def run_walk(
     """
     times: list[FrameTimes] = []
     last, place = 0.0, ""
-    recent: deque[float] = deque(maxlen=_RECENT)
+    recent: deque[float] = deque()
+    ranked: list[float] = []  # the same, sorted
     with _undisturbed():
         for step in steps:
             view = step.pose.view(camera)
@@ -94,7 +96,7 @@ def run_walk(
             waiting = cache.require(plan.cells)
             frame = painter.draw(plan, view, read=read)
             spent = planned + waiting + frame.seconds
-            usual = sorted(recent)[len(recent) // 2] if recent else spent
+            usual = ranked[len(ranked) // 2] if ranked else spent
             uploading = cache.spend(_UPLOADING * usual) if spent <= _DEAR * usual else 0.0
             total = spent + uploading
             times.append(
@@ -114,7 +116,10 @@ def run_walk(
                 )
             )
             last, place = total, plan.place
+            if len(recent) == _RECENT:
+                del ranked[bisect_left(ranked, recent.popleft())]
             recent.append(spent)
+            insort(ranked, spent)
             if shown is not None:
                 shown(step, view, plan, frame)
     return times

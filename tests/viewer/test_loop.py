@@ -146,7 +146,7 @@ def test_uploads_ahead_wait_for_frames_that_are_not_dear(scenes):
     given = {frame - 1 for frame in cache.frames}  # after it was drawn
     assert not given & {i for i in dear if i <= 100}
     assert set(range(100)) - dear <= given
-    assert {i for i in dear if i >= 140} <= given  # by then, that is what a frame takes
+    assert {i for i in dear if i >= 150} <= given  # by then, that is what a frame takes
 
 
 def test_a_frame_is_the_sum_of_its_parts(scenes):
