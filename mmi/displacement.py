@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from mmi.camera import View
 from mmi.impostor import DepthTexture, GridMesh
 
-__all__ = ["as_seen", "chord", "displacement", "frame_of", "may_exceed"]
+__all__ = ["as_seen", "chord", "displaced_by", "displacement", "frame_of", "may_exceed"]
 
 
 def displacement(texture: DepthTexture, mesh: GridMesh, viewpoints: NDArray[np.float64]) -> float:
@@ -70,6 +70,44 @@ def may_exceed(most: float, near: float, far: float, reach: float) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
+def displaced_by(
+    inverse: NDArray[np.float64],
+    lattice: NDArray[np.float64],
+    values: NDArray[np.float64],
+    corners: tuple[int, int, int],
+    frame: tuple[float, float, float],
+    offsets: NDArray[np.float64],
+    reach: float,
+    least: float,
+) -> float:
+    """``least``, or the largest chord over the captured texels whose centres lie in a triangle, if that is more.
+
+    ``corners`` are places in ``lattice`` (n, 2), texels, and in ``values`` (n,), 1/z; no viewpoint is farther than ``reach``
+    metres from the capture.
+    """
+    height, width = inverse.shape
+    (ax, ay), (bx, by), (cx, cy) = lattice[corners[0]], lattice[corners[1]], lattice[corners[2]]
+    a, b, c = values[corners[0]], values[corners[1]], values[corners[2]]
+    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    if area == 0.0:
+        return least
+    for j in range(max(int(min(ay, by, cy)), 0), min(int(np.ceil(max(ay, by, cy))), height)):
+        for i in range(max(int(min(ax, bx, cx)), 0), min(int(np.ceil(max(ax, bx, cx))), width)):
+            if inverse[j, i] == 0.0:
+                continue
+            x, y = i + 0.5, j + 0.5
+            s = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
+            t = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
+            if s < -1e-9 or t < -1e-9 or s + t > 1.0 + 1e-9:
+                continue
+            drawn = a + s * (b - a) + t * (c - a)
+            near, far = 1.0 / max(drawn, inverse[j, i]), 1.0 / min(drawn, inverse[j, i])
+            if far - near > 1e-9 * near and may_exceed(least * least, near, far, reach):
+                least = max(least, chord(x, y, inverse[j, i], drawn, frame, offsets))
+    return least
+
+
+@njit(cache=True, error_model="numpy")
 def _displacement(
     inverse: NDArray[np.float64],
     frame: tuple[float, float, float],
@@ -79,29 +117,8 @@ def _displacement(
     triangles: NDArray[np.int32],
 ) -> float:
     """The largest chord (see :func:`chord`) over all captured texels, each drawn by the triangle that its centre lies in."""
-    height, width = inverse.shape
-    most = reach = 0.0
-    for k in range(len(offsets)):
-        reach = max(reach, np.sqrt((offsets[k] ** 2).sum()))
+    most, reach = 0.0, (offsets**2).sum(axis=1).max() ** 0.5
     for k in range(len(triangles)):
-        (ax, ay), (bx, by), (cx, cy) = lattice[triangles[k, 0]], lattice[triangles[k, 1]], lattice[triangles[k, 2]]
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if area == 0.0:
-            continue
-        left, right = max(int(min(ax, bx, cx)), 0), min(int(np.ceil(max(ax, bx, cx))), width)
-        top, bottom = max(int(min(ay, by, cy)), 0), min(int(np.ceil(max(ay, by, cy))), height)
-        for j in range(top, bottom):
-            for i in range(left, right):
-                if inverse[j, i] == 0.0:
-                    continue
-                x, y = i + 0.5, j + 0.5
-                s = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
-                t = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
-                if s < -1e-9 or t < -1e-9 or s + t > 1.0 + 1e-9:
-                    continue
-                a, b, c = values[triangles[k, 0]], values[triangles[k, 1]], values[triangles[k, 2]]
-                drawn = a + s * (b - a) + t * (c - a)
-                near, far = 1.0 / max(drawn, inverse[j, i]), 1.0 / min(drawn, inverse[j, i])
-                if far - near > 1e-9 * near and may_exceed(most * most, near, far, reach):
-                    most = max(most, chord(x, y, inverse[j, i], drawn, frame, offsets))
+        corners = (triangles[k, 0], triangles[k, 1], triangles[k, 2])
+        most = displaced_by(inverse, lattice, values, corners, frame, offsets, reach, most)
     return most

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mmi.displacement import chord
+from mmi.displacement import displaced_by
 
 __all__ = ["UV_ERROR", "stretch", "triangulated"]
 
@@ -133,11 +133,11 @@ def _apex(
             limit = tolerance
             for k in range(around):
                 of_middle = (ring[k], ring[(k + 1) % around], middle)
-                limit = _off(inverse, lattice, values, of_middle, frame, offsets, reach, limit)
+                limit = displaced_by(inverse, lattice, values, of_middle, frame, offsets, reach, limit)
         within = True
         for k in range(apex + 1, apex + around - 1):
             corners = (ring[k % around], ring[(k + 1) % around], ring[apex])
-            within &= _off(inverse, lattice, values, corners, frame, offsets, reach, limit) <= limit
+            within &= displaced_by(inverse, lattice, values, corners, frame, offsets, reach, limit) <= limit
         if within:
             return apex
     return -1
@@ -149,36 +149,3 @@ def _area(lattice: NDArray[np.float64], a: int, b: int, c: int) -> float:
     return (lattice[b, 1] - lattice[a, 1]) * (lattice[c, 0] - lattice[a, 0]) - (lattice[b, 0] - lattice[a, 0]) * (
         lattice[c, 1] - lattice[a, 1]
     )
-
-
-@njit(cache=True, error_model="numpy")
-def _off(
-    inverse: NDArray[np.float64],
-    lattice: NDArray[np.float64],
-    values: NDArray[np.float64],
-    corners: tuple[int, int, int],
-    frame: tuple[float, float, float],
-    offsets: NDArray[np.float64],
-    reach: float,
-    least: float,
-) -> float:
-    """``least``, or by how much a triangle displaces a texel at most, as a chord, if that is more.
-
-    ``reach`` metres from the capture, all viewpoints lie.
-    """
-    (ax, ay), (bx, by), (cx, cy) = lattice[corners[0]], lattice[corners[1]], lattice[corners[2]]
-    a, b, c = values[corners[0]], values[corners[1]], values[corners[2]]
-    area = _area(lattice, corners[0], corners[1], corners[2])
-    for j in range(int(min(ay, by, cy)), int(np.ceil(max(ay, by, cy)))):
-        for i in range(int(min(ax, bx, cx)), int(np.ceil(max(ax, bx, cx)))):
-            w, x, y = inverse[j, i], i + 0.5, j + 0.5
-            q = ((y - ay) * (cx - ax) - (x - ax) * (cy - ay)) / area
-            r = ((by - ay) * (x - ax) - (bx - ax) * (y - ay)) / area
-            if w == 0.0 or q < -1e-9 or r < -1e-9 or q + r > 1.0 + 1e-9:
-                continue
-            drawn = a + q * (b - a) + r * (c - a)
-            closest = 1.0 - reach * max(w, drawn)
-            # What certainly is no more needs no angles.
-            if closest <= 0.0 or reach * abs(drawn - w) >= least * closest * closest:
-                least = max(least, chord(x, y, w, drawn, frame, offsets))
-    return least

@@ -9,10 +9,9 @@ object, its depth, and by what angle an impostor's surface is displaced from the
 from __future__ import annotations
 
 import ctypes
-import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from types import TracebackType
 from typing import Any
 
@@ -30,6 +29,7 @@ from viewer.frame import Frame
 from viewer.loaded import LoadedCell, LoadedLayer
 from viewer.shaders import KINDS, program_source
 from viewer.technique import CellKey, CellLayers, Draw, Ground, Objects, Plan, Sky
+from viewer.turns import turns_after
 
 __all__ = ["Renderer"]
 
@@ -41,7 +41,7 @@ _MOST_VIEWS = 16
 _LAYER_VERTEX_BYTES = 24
 _SAMPLE_ALPHA_TO_COVERAGE = 0x809E
 _SWITCH_INTERVAL = 5e-4
-"""Seconds for which other threads may keep the interpreter when OpenGL has finished a frame."""
+"""Seconds for which other threads may keep the interpreter when OpenGL has finished: Python's own 5 ms would be felt."""
 
 
 class Renderer:
@@ -158,7 +158,7 @@ class Renderer:
             start = time.perf_counter()
             with self._timer:
                 triangles, draws = self._draw(plan, view, measured)
-            with _quick_switches():
+            with turns_after(_SWITCH_INTERVAL):
                 self._finish()
             seconds = time.perf_counter() - start
             sent = (seconds, self._timer.elapsed * 1e-9, triangles, draws)
@@ -402,17 +402,6 @@ class Renderer:
         cell.vertices.write(layer.vertices.astype("<f4").tobytes(), offset=first * _LAYER_VERTEX_BYTES)
         triangles = layer.triangles + np.int32(first)
         cell.triangles[layer.name] = triangles[: layer.plain], triangles[layer.plain :]
-
-
-@contextmanager
-def _quick_switches() -> Iterator[None]:
-    """Let threads take turns more often than Python does by itself: its 5 ms would be felt in a frame."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(_SWITCH_INTERVAL)
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(before)
 
 
 def _finish_without_lock() -> Callable[[], object] | None:

@@ -7,12 +7,10 @@ included.
 
 from __future__ import annotations
 
-import sys
 import time
 from bisect import bisect_left, insort
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -20,6 +18,7 @@ from mmi.camera import Camera, View
 from viewer.frame import Frame
 from viewer.streaming import CellCache
 from viewer.technique import Budget, Plan, Technique
+from viewer.turns import turns_after
 from viewer.walk import Step
 
 __all__ = ["FrameTimes", "Painter", "run_walk"]
@@ -31,7 +30,8 @@ _RECENT = 1024
 _DEAR = 1.2
 """Times that, from which on a frame is dear enough: uploads of cells ahead wait for another one."""
 _SWITCH_INTERVAL = 1.0
-"""Seconds after which the loading thread may take the interpreter from a frame; it gets it while OpenGL draws."""
+"""Seconds after which the loading thread may take the interpreter from a frame: what reads files may not give it back for
+milliseconds. It gets it while OpenGL draws."""
 
 
 class Painter(Protocol):
@@ -85,7 +85,7 @@ def run_walk(
     last, place = 0.0, ""
     recent: deque[float] = deque()
     ranked: list[float] = []  # the same, sorted
-    with _undisturbed():
+    with turns_after(_SWITCH_INTERVAL):
         for step in steps:
             view = step.pose.view(camera)
             start = time.perf_counter()
@@ -123,14 +123,3 @@ def run_walk(
             if shown is not None:
                 shown(step, view, plan, frame)
     return times
-
-
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Let no other thread in but where this one waits: what reads files may not give the interpreter back for milliseconds."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(_SWITCH_INTERVAL)
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(before)
