@@ -30,17 +30,18 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.ndimage import binary_erosion
 
-from mmi.camera import View
-from mmi.dataset import open_dataset
-from mmi.thickness import largest_disc, thickness
-from viewer.frame import Frame
-from viewer.gl import Renderer
-from viewer.pictures import triptych
-from viewer.quality import wrong_regions
-from viewer.sampling import random_views
-from viewer.scene import open_scene
-from viewer.technique import Budget
-from viewer.techniques import cell_cache, make_technique
+from mmi.dataset.reading import open_dataset
+from mmi.foundation.camera import View
+from mmi.foundation.thickness import largest_disc, thickness
+from viewer.cells.scene_cache import cell_cache
+from viewer.drawing.frame import Frame
+from viewer.drawing.renderer import Renderer
+from viewer.measuring.view_errors import wrong_regions
+from viewer.plan import Budget
+from viewer.report.pictures import triptych
+from viewer.scene.scene import open_scene
+from viewer.techniques.catalogue import make_technique
+from viewer.walks.random_views import random_views
 
 _FINER = 4
 """Times as many pixels a side, where a view is looked at again."""

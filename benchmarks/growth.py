@@ -25,16 +25,17 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 from walks import rounds, total_ms
 
-from mmi.cells import ViewingCell, viewing_cells
-from mmi.city import City, CityObject, Prism
-from mmi.dataset import open_dataset
-from mmi.farm import build_dataset
-from mmi.io import read_city
-from mmi.parameters import BuildParameters
-from viewer.scene import open_scene
-from viewer.techniques import TECHNIQUES, single_mesh_scene
-from viewer.tour import tour
-from viewer.whereabouts import Whereabouts
+from mmi.building.dataset import build_dataset
+from mmi.cells.viewing_cells import ViewingCell, viewing_cells
+from mmi.city.model import City, CityObject, Prism
+from mmi.dataset.reading import open_dataset
+from mmi.planning.parameters import BuildParameters
+from mmi.reading.read_city import read_city
+from viewer.report.baseline import single_mesh_scene
+from viewer.scene.scene import open_scene
+from viewer.scene.whereabouts import Whereabouts
+from viewer.techniques.catalogue import TECHNIQUES
+from viewer.walks.tour import tour
 
 _CHOICE = 2.0
 """Metres of cells around the middle that the tour chooses from, to its own metres."""

@@ -17,12 +17,12 @@ from pathlib import Path
 import networkx as nx
 import numpy as np
 
-from mmi.build import plan_cell, prepare_scene
-from mmi.cells import spread, viewing_cells
-from mmi.cuts import cut_objects
-from mmi.io import read_city
-from mmi.layering import assign_layers, boxes_of, layer_area
-from mmi.parameters import BuildParameters
+from mmi.cells.viewing_cells import spread, viewing_cells
+from mmi.city.long_objects import cut_objects
+from mmi.planning.layering import assign_layers, boxes_of, layer_area
+from mmi.planning.parameters import BuildParameters
+from mmi.planning.plan import plan_cell, prepare_scene
+from mmi.reading.read_city import read_city
 
 STRATEGIES = ("incremental", "largest-first", "smallest-last", "dsatur", "best")
 

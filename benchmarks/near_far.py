@@ -21,17 +21,17 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from mmi.build import Scene, prepare_scene
-from mmi.cells import ViewingCell, spread, viewing_cells
-from mmi.city import City
-from mmi.critical_zone import cell_region
-from mmi.cuts import cut_objects
-from mmi.io import read_city
-from mmi.layering import assign_layers, boxes_of, event_graph
-from mmi.parallax import critical_zone_weights
-from mmi.parameters import BuildParameters
-from mmi.ray_parallax import same_ray_weights, self_parallax
-from mmi.selection import Selection, everything
+from mmi.cells.viewing_cells import ViewingCell, spread, viewing_cells
+from mmi.city.long_objects import cut_objects
+from mmi.city.model import City
+from mmi.parallax.critical_zone import cell_region
+from mmi.parallax.paper_weights import critical_zone_weights
+from mmi.parallax.ray_weights import same_ray_weights, self_parallax
+from mmi.planning.layering import assign_layers, boxes_of, event_graph
+from mmi.planning.parameters import BuildParameters
+from mmi.planning.plan import Scene, prepare_scene
+from mmi.reading.read_city import read_city
+from mmi.visibility.selection import Selection, everything
 
 
 @dataclass(frozen=True, slots=True, eq=False)

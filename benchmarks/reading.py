@@ -17,8 +17,8 @@ from pathlib import Path
 
 from cjio import cityjson
 
-from mmi.io.cityjson import read_cityjson
-from mmi.io.report import Ledger
+from mmi.reading.models.cityjson import read_cityjson
+from mmi.reading.report import Ledger
 
 
 def ours(path: Path) -> int:

@@ -5,11 +5,12 @@
 
 For cells spread over the dataset, and each sector of their panoramas, ``full`` and ``multi-mesh`` are drawn from the cell's
 reference viewpoint with the display that the dataset was built for. Nothing is disoccluded from there. What is left is that
-texels are no pixels (``viewer.quality.beyond_resampling``), meshes no surfaces, and what goes wrong. Thickness is that of a
-view's thickest region of wrong pixels, as it is and beyond one pixel of resampling; percentiles are over views. Most of what
-PSNR sees is silhouettes that are a pixel off, so it is also given for pictures of several samples a pixel, as a viewer would
-draw them; its means are over the views that differ. ``--worst`` writes the view with the thickest region beyond resampling,
-of equals the one of the lowest PSNR, as geometry | multi-mesh | what is wrong beyond resampling.
+texels are no pixels (``viewer.measuring.view_errors.beyond_resampling``), meshes no surfaces, and what goes wrong.
+Thickness is that of a view's thickest region of wrong pixels, as it is and beyond one pixel of resampling; percentiles are
+over views. Most of what PSNR sees is silhouettes that are a pixel off, so it is also given for pictures of several samples
+a pixel, as a viewer would draw them; its means are over the views that differ. ``--worst`` writes the view with the
+thickest region beyond resampling, of equals the one of the lowest PSNR, as geometry | multi-mesh | what is wrong beyond
+resampling.
 """
 
 from __future__ import annotations
@@ -24,17 +25,18 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
-from mmi.cells import spread
-from mmi.dataset import open_dataset
-from mmi.thickness import thickness
-from viewer.gl import Renderer
-from viewer.pictures import save_picture, triptych
-from viewer.quality import ViewErrors, WrongRegions, beyond_resampling, psnr, view_errors
-from viewer.scene import Scene, open_scene
-from viewer.technique import Budget
-from viewer.techniques import cell_cache, make_technique
-from viewer.walk import Pose
-from viewer.whereabouts import Whereabouts
+from mmi.cells.viewing_cells import spread
+from mmi.dataset.reading import open_dataset
+from mmi.foundation.thickness import thickness
+from viewer.cells.scene_cache import cell_cache
+from viewer.drawing.renderer import Renderer
+from viewer.measuring.view_errors import ViewErrors, WrongRegions, beyond_resampling, psnr, view_errors
+from viewer.plan import Budget
+from viewer.report.pictures import save_picture, triptych
+from viewer.scene.scene import Scene, open_scene
+from viewer.scene.whereabouts import Whereabouts
+from viewer.techniques.catalogue import make_technique
+from viewer.walks.walk import Pose
 
 MOST_PX, LEAST_DB = 2.0, 35.0
 """What is promised from a reference viewpoint: thickness beyond resampling, and PSNR."""

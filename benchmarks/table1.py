@@ -22,10 +22,11 @@ from pathlib import Path
 import numpy as np
 from walks import PAPER, detailed, rounds, total_ms
 
-from mmi.dataset import open_dataset
-from viewer.scene import open_scene
-from viewer.techniques import TECHNIQUES, single_mesh_scene
-from viewer.tour import tour
+from mmi.dataset.reading import open_dataset
+from viewer.report.baseline import single_mesh_scene
+from viewer.scene.scene import open_scene
+from viewer.techniques.catalogue import TECHNIQUES
+from viewer.walks.tour import tour
 
 TECHNIQUES_OF_PAPER = ("full", "visible", "local", "single-mesh", "multi-mesh")
 

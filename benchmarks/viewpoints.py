@@ -4,9 +4,9 @@
 
 *Middle*, *quarter* and *end* plan each cell with its reference viewpoint there, on the axis. *Two captures* keeps as geometry
 only what both quarters' captures miss too much of: no fewer objects could do if each texel came from whichever shows it, and
-layers and texels are those of both. *Halves* is what a budget does (:mod:`mmi.budgets`): two cells, each captured from its
-own middle, numbers of triangles and layers their means, of texels their sum. *Texels* is what layers cover in panoramas of
-the display's resolution (:func:`mmi.layering.layer_area`), relative to *middle*.
+layers and texels are those of both. *Halves* is what a budget does (:mod:`mmi.building.halving`): two cells, each captured
+from its own middle, numbers of triangles and layers their means, of texels their sum. *Texels* is what layers cover in
+panoramas of the display's resolution (:func:`mmi.planning.layering.layer_area`), relative to *middle*.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mmi.budgets import halves
-from mmi.build import CellPlan, Scene, plan_cell, prepare_scene
-from mmi.cells import ViewingCell, spread, viewing_cells
-from mmi.city import City
-from mmi.cuts import cut_objects
-from mmi.io import read_city
-from mmi.layering import boxes_of, layer_area
-from mmi.parameters import BuildParameters
+from mmi.building.halving import halves
+from mmi.cells.viewing_cells import ViewingCell, spread, viewing_cells
+from mmi.city.long_objects import cut_objects
+from mmi.city.model import City
+from mmi.planning.layering import boxes_of, layer_area
+from mmi.planning.parameters import BuildParameters
+from mmi.planning.plan import CellPlan, Scene, plan_cell, prepare_scene
+from mmi.reading.read_city import read_city
 
 
 def moved(cell: ViewingCell, share: float) -> ViewingCell:

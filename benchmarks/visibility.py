@@ -18,11 +18,13 @@ from pathlib import Path
 
 import numpy as np
 
-from mmi.cells import ViewingCell, spread, viewing_cells
-from mmi.city import City
-from mmi.io import read_city
-from mmi.selection import Extractor, everything
-from mmi.visibility import horizon_extractor, item_buffer_extractor, prepare_horizon, sample_viewpoints
+from mmi.cells.viewing_cells import ViewingCell, spread, viewing_cells
+from mmi.city.model import City
+from mmi.reading.read_city import read_city
+from mmi.visibility.cell_outline import sample_viewpoints
+from mmi.visibility.horizon import horizon_extractor, prepare_horizon
+from mmi.visibility.item_buffer import item_buffer_extractor
+from mmi.visibility.selection import Extractor, everything
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from oracles import PrismRays, searching_rays
@@ -82,8 +84,8 @@ def sweeps(city: City, cells: list[ViewingCell], rays: int) -> None:
 
 
 def against_item_buffer(city: City, cells: list[ViewingCell], columns: int, shrink: float) -> None:
-    from mmi.capture import Capturer
-    from mmi.surfaces import build_city_mesh
+    from mmi.appearance.city_mesh import build_city_mesh
+    from mmi.capture.renderer import Capturer
 
     scene = prepare_horizon(city, shrink=shrink, columns=columns)
     swept = measured(horizon_extractor(scene), city, cells)

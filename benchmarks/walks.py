@@ -8,12 +8,13 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from mmi.surfaces import CityMesh
-from viewer.gl import Renderer
-from viewer.loop import FrameTimes, run_walk
-from viewer.scene import Scene
-from viewer.techniques import cell_cache, make_technique
-from viewer.walk import Walk
+from mmi.appearance.city_mesh import CityMesh
+from viewer.cells.scene_cache import cell_cache
+from viewer.drawing.renderer import Renderer
+from viewer.runtime.loop import FrameTimes, run_walk
+from viewer.scene.scene import Scene
+from viewer.techniques.catalogue import make_technique
+from viewer.walks.walk import Walk
 
 PAPER = {
     "O2": {"full": 1.0, "local": 14.5, "visible": 4.3, "single-mesh": 15.9, "multi-mesh": 10.9},

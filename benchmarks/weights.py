@@ -24,15 +24,15 @@ import pyogrio
 import shapely
 from numpy.typing import NDArray
 
-from mmi.camera import Camera
-from mmi.cells import ViewingCell
-from mmi.city import City, CityObject, Prism
-from mmi.critical_zone import interacting_pairs
-from mmi.layering import assign_layers, event_graph, panorama_boxes
-from mmi.parallax import pair_weights
-from mmi.segmentation import near_by_distance
-from mmi.selection import Selection, everything
-from mmi.visibility import horizon_extractor, prepare_horizon
+from mmi.cells.viewing_cells import ViewingCell
+from mmi.city.model import City, CityObject, Prism
+from mmi.foundation.camera import Camera
+from mmi.parallax.critical_zone import interacting_pairs
+from mmi.parallax.paper_weights import pair_weights
+from mmi.planning.layering import assign_layers, event_graph, panorama_boxes
+from mmi.planning.segmentation import near_by_distance
+from mmi.visibility.horizon import horizon_extractor, prepare_horizon
+from mmi.visibility.selection import Selection, everything
 
 STRATEGIES = ("incremental", "largest-first", "smallest-last", "dsatur", "best")
 HALF_WIDTH = 3.0

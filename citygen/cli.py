@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import NoReturn
 
 from citygen.presets import PRESETS
-from mmi.city import City, CityObject
-from mmi.errors import CityError, ParameterError
-from mmi.programs import Parser, ProgressBar, path_option, run_program
+from mmi.city.model import City, CityObject
+from mmi.foundation.errors import CityError, ParameterError
+from mmi.programs.command_line import Parser, ProgressBar, path_option, run_program
 
 __all__ = ["citygen"]
 
@@ -76,7 +76,7 @@ class _Count:
 
     def passing(self, objects: Iterable[CityObject]) -> Iterator[CityObject]:
         """The same objects, counted."""
-        from citygen.objects import triangle_count
+        from citygen.buildings.objects import triangle_count
 
         for one in objects:
             self.buildings += 1
@@ -147,8 +147,8 @@ def _checked(options: argparse.Namespace) -> list[Path]:
 def _write(options: argparse.Namespace, outputs: list[Path], advance: Callable[[int, int, str], None]) -> _Count:
     """A city that fits into memory, to all the files."""
     from citygen.generate import generate
-    from mmi.io.cityjson_writer import write_cityjson
-    from mmi.io.gltf_writer import write_glb
+    from mmi.writing.cityjson_writer import write_cityjson
+    from mmi.writing.gltf_writer import write_glb
 
     city = generate(options.preset, options.seed, detail=options.detail, buildings=options.buildings, progress=advance)
     for path in outputs:
@@ -167,8 +167,8 @@ def _write(options: argparse.Namespace, outputs: list[Path], advance: Callable[[
 
 def _write_traffic(city: City, paths: Sequence[Path], seed: int) -> None:
     """Where vehicles are over time, beside the city's files."""
-    from citygen.traffic import traffic
-    from mmi.whole_files import whole_file
+    from citygen.traffic.traffic import traffic
+    from mmi.foundation.whole_files import whole_file
 
     text = traffic(city, seed, vehicles=_VEHICLES, seconds=_SECONDS).to_json()
     for path in paths:
@@ -189,8 +189,8 @@ def _stream(options: argparse.Namespace, outputs: list[Path], advance: Callable[
     import numpy as np
 
     from citygen.metropolis import metropolis
-    from citygen.textures import city_textures
-    from mmi.io.cityjson_writer import CityJSONSeqWriter
+    from citygen.shapes.textures import city_textures
+    from mmi.writing.cityjson_writer import CityJSONSeqWriter
 
     detail = options.detail or 0
     textures = city_textures(options.seed) if detail else ()

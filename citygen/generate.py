@@ -15,17 +15,17 @@ import shapely
 from numpy.typing import NDArray
 
 from citygen import presets
-from citygen.blocks import carve_blocks
-from citygen.buildings import Buildings, Custom, develop, join_buildings, keep_buildings
+from citygen.buildings.development import Buildings, Custom, develop, join_buildings, keep_buildings
+from citygen.buildings.objects import Site, make_objects, site_of, triangle_count
 from citygen.metropolis import metropolis
-from citygen.networks import Network, faces, manhattan_network, street_graph
-from citygen.objects import Site, make_objects, site_of, triangle_count
-from citygen.relief import Hill, contour_field, ground_under, make_terrain
-from citygen.subdivision import subdivide
-from citygen.textures import city_textures
-from mmi.city import City, CityObject
-from mmi.errors import ParameterError
-from mmi.terrain import Terrain
+from citygen.shapes.textures import city_textures
+from citygen.streets.blocks import carve_blocks
+from citygen.streets.networks import Network, faces, manhattan_network, street_graph
+from citygen.streets.relief import Hill, contour_field, ground_under, make_terrain
+from citygen.streets.subdivision import subdivide
+from mmi.city.model import City, CityObject
+from mmi.city.terrain import Terrain
+from mmi.foundation.errors import ParameterError
 
 __all__ = ["generate", "steepen"]
 
@@ -94,14 +94,14 @@ def _city(
 
 def _elsewhere(preset: str, seed: int) -> City:
     if preset == "forest":
-        from citygen.forest import forest
+        from citygen.scenes.forest import forest
 
         return forest(seed)
     if preset == "pipes":
-        from citygen.pipes import pipes
+        from citygen.scenes.pipes import pipes
 
         return pipes(seed)
-    from citygen.living_room import living_room
+    from citygen.scenes.living_room import living_room
 
     return living_room(seed)
 
@@ -294,7 +294,7 @@ _CLOSE = 0.01
 
 
 def _church(town: _Town, detail: int, seed: int) -> CityObject:
-    from citygen.church import church
+    from citygen.buildings.church import church
 
     assert town.church is not None
     (x, y), height, heading = town.church

@@ -16,12 +16,12 @@ import shapely
 from numpy.typing import NDArray
 
 from citygen import presets
-from citygen.blocks import carve_blocks
-from citygen.buildings import Buildings, Custom, develop, join_buildings
-from citygen.networks import Network, faces, lattice_network, street_graph
-from citygen.objects import make_objects, site_of
-from mmi.city import CityObject
-from mmi.errors import ParameterError
+from citygen.buildings.development import Buildings, Custom, develop, join_buildings
+from citygen.buildings.objects import make_objects, site_of
+from citygen.streets.blocks import carve_blocks
+from citygen.streets.networks import Network, faces, lattice_network, street_graph
+from mmi.city.model import CityObject
+from mmi.foundation.errors import ParameterError
 
 __all__ = ["Metropolis", "metropolis"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from citygen.buildings import Custom
-from citygen.subdivision import Ranks
+from citygen.buildings.development import Custom
+from citygen.streets.subdivision import Ranks
 
 __all__ = [
     "COTTAGES",

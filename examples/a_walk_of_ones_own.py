@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from mmi.dataset import open_dataset
-from viewer.gl import Renderer
-from viewer.loop import run_walk
-from viewer.scene import open_scene
-from viewer.techniques import cell_cache, make_technique
-from viewer.walk import Keyframe, Pose, Walk
+from mmi.dataset.reading import open_dataset
+from viewer.cells.scene_cache import cell_cache
+from viewer.drawing.renderer import Renderer
+from viewer.runtime.loop import run_walk
+from viewer.scene.scene import open_scene
+from viewer.techniques.catalogue import make_technique
+from viewer.walks.walk import Keyframe, Pose, Walk
 
 
 def main(folder: Path, picture: Path) -> list:

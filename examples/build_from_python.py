@@ -7,10 +7,10 @@ import math
 import sys
 from pathlib import Path
 
-from mmi.camera import Camera
-from mmi.farm import BuildSummary, build_dataset
-from mmi.io import read_city
-from mmi.parameters import BuildParameters
+from mmi.building.dataset import BuildSummary, build_dataset
+from mmi.foundation.camera import Camera
+from mmi.planning.parameters import BuildParameters
+from mmi.reading.read_city import read_city
 
 
 def main(source: Path, out: Path, *, max_cells: int = 8) -> BuildSummary:

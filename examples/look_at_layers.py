@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from mmi.cellfiles import read_impostor
-from mmi.dataset import open_dataset
-from mmi.inspection import typical_cell
+from mmi.dataset.cell_files import read_impostor
+from mmi.dataset.reading import open_dataset
+from mmi.inspection.inspect import typical_cell
 
 
 def main(folder: Path, picture: Path) -> None:

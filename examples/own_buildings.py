@@ -3,10 +3,10 @@
 import networkx as nx
 from shapely import LineString, box
 
-from mmi.build import CellPlan, plan_cell, prepare_scene
-from mmi.cells import viewing_cells
-from mmi.city import City, CityObject, Prism
-from mmi.parameters import BuildParameters
+from mmi.cells.viewing_cells import viewing_cells
+from mmi.city.model import City, CityObject, Prism
+from mmi.planning.parameters import BuildParameters
+from mmi.planning.plan import CellPlan, plan_cell, prepare_scene
 
 
 def main() -> CellPlan:

@@ -8,8 +8,8 @@ import networkx as nx
 import pytest
 from shapely.geometry import LineString, Polygon, box
 
-from mmi.cells import ViewingCell
-from mmi.city import City, CityObject, Prism
+from mmi.cells.viewing_cells import ViewingCell
+from mmi.city.model import City, CityObject, Prism
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 HELSINKI = Path(__file__).resolve().parents[1] / "examples" / "helsinki" / "helsinki.osm.pbf"

@@ -17,10 +17,10 @@ from numba import njit
 from shapely import affinity
 from shapely.geometry import LineString, Polygon, box
 
-from citygen.houses import ROOF_KINDS, STYLES, house
-from citygen.textures import city_textures
-from mmi.city import City, CityObject, Prism
-from mmi.terrain import Terrain
+from citygen.buildings.houses import ROOF_KINDS, STYLES, house
+from citygen.shapes.textures import city_textures
+from mmi.city.model import City, CityObject, Prism
+from mmi.city.terrain import Terrain
 
 
 @cache

@@ -6,8 +6,8 @@ import numpy as np
 from cities import block, streets
 from shapely.geometry import Polygon, box
 
-from mmi.city import PAINTED, PLAIN, City, CityObject, Prism, Texture, TriangleMesh
-from mmi.terrain import Terrain
+from mmi.city.model import PAINTED, PLAIN, City, CityObject, Prism, Texture, TriangleMesh
+from mmi.city.terrain import Terrain
 
 # Quads of a box, counter-clockwise from outside: bottom, top, south, east, north, west.
 QUADS = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))

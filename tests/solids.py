@@ -15,8 +15,8 @@ from numba import njit
 from shapely import affinity
 from shapely.geometry import MultiPoint, Polygon, box
 
-from mmi.cells import ViewingCell
-from mmi.city import CityObject, Prism
+from mmi.cells.viewing_cells import ViewingCell
+from mmi.city.model import CityObject, Prism
 
 
 class Solids:

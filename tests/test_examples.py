@@ -8,7 +8,7 @@ import pytest
 from cities import HELSINKI
 from PIL import Image
 
-from mmi.dataset import open_dataset
+from mmi.dataset.reading import open_dataset
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 

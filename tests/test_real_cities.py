@@ -6,8 +6,8 @@ import shlex
 import pytest
 from cities import HELSINKI, real
 
-from mmi.cli import build_impostors
-from mmi.dataset import open_dataset
+from mmi.dataset.reading import open_dataset
+from mmi.programs.build_impostors import build_impostors
 
 FEW = ["--max-cells", "2", "--display", "128x128", "--workers", "1", "--json"]
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 import shapely
 
+from citygen.buildings.houses import ROOF_KINDS, STYLES, house
+from citygen.buildings.objects import party_walls, triangle_count
 from citygen.generate import generate
-from citygen.houses import ROOF_KINDS, STYLES, house
 from citygen.metropolis import metropolis
-from citygen.objects import party_walls, triangle_count
 from citygen.presets import PRESETS
-from mmi.city import City
-from mmi.errors import ParameterError
-from mmi.io.cityjson_checks import check_cityjson
-from mmi.io.cityjson_writer import write_cityjson
+from mmi.city.model import City
+from mmi.foundation.errors import ParameterError
+from mmi.writing.cityjson_checks import check_cityjson
+from mmi.writing.cityjson_writer import write_cityjson
 
 CITIES = {"hamlet": 2, "montmartre": 3, "manhattan": 1, "metropolis": 4}
 

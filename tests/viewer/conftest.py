@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 from cities import crossroads
 
-from mmi.dataset import open_dataset
-from mmi.farm import build_dataset
-from mmi.parameters import BuildParameters
-from viewer.scene import open_scene
+from mmi.building.dataset import build_dataset
+from mmi.dataset.reading import open_dataset
+from mmi.planning.parameters import BuildParameters
+from viewer.scene.scene import open_scene
 
 PARAMETERS = BuildParameters(near_distance=30.0, longest_object=None)
 

@@ -1,0 +1,334 @@
+"""City objects as textured triangles: what captures render and what stays geometry.
+
+One mesh and one texture for the whole city, ordered by object, so that any set of objects is one gather and one draw. The
+texture is that of painted facades (``mmi.appearance.facades``), or an atlas with the city's own pictures as well
+(``mmi.appearance.texture_atlas``). Vertex colours multiply it: a tint of the building's own and light
+(``mmi.appearance.shading``).
+
+Geometry is exactly that of the prisms, or of the mesh that an object came with (``mmi.appearance.model_surfaces``): walls
+of prisms are vertical, roofs flat, positions float32 of the city's local frame. Walls between touching buildings are kept
+(each object is whole by itself); they have no windows, or along cuts those of the facade's end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+
+from mmi.appearance import facades
+from mmi.appearance.model_surfaces import Part, mesh_part, repeats_of, strip_uv
+from mmi.appearance.shading import Looks, contact, light, looks_of
+from mmi.appearance.texture_atlas import pack_atlas
+from mmi.city.model import PAINTED, City
+from mmi.city.triangulate import triangulate
+
+__all__ = ["CityMesh", "build_city_mesh", "mesh_of", "triangles_of"]
+
+_FLOATING = 1.0  # metres above ground from which a prism is a bridge or a bay: no doors, but an underside
+_BLIND = 1.5  # metres below which a wall has no room for a window
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CityMesh:
+    """Textured triangles in the city's frame, grouped by object.
+
+    ``positions`` (n, 3) float32 metres; ``uv`` (n, 2) float32, u right and v down, (0, 0) the texture's upper left
+    corner, the texture repeats; ``colors`` (n, 3) uint8 multiply the texture; ``triangles`` (m, 3) int32,
+    counter-clockwise from outside. Object i owns vertices ``object_vertices[i]`` to ``object_vertices[i + 1]`` and
+    likewise ``object_triangles``, both (k + 1,) int64; no triangle uses another object's vertices.
+    ``texture`` (h, w, 3) uint8 sRGB.
+    """
+
+    positions: NDArray[np.float32]
+    uv: NDArray[np.float32]
+    colors: NDArray[np.uint8]
+    triangles: NDArray[np.int32]
+    object_vertices: NDArray[np.int64]
+    object_triangles: NDArray[np.int64]
+    texture: NDArray[np.uint8]
+    triangle_counts: NDArray[np.int64] = field(init=False)
+    """(k,) triangles of each object."""
+
+    def __post_init__(self) -> None:
+        n = len(self.positions)
+        if self.positions.shape != (n, 3) or self.uv.shape != (n, 2) or self.colors.shape != (n, 3):
+            raise ValueError(
+                f"a city mesh needs (n, 3), (n, 2) and (n, 3) vertex arrays, "
+                f"found {self.positions.shape}, {self.uv.shape} and {self.colors.shape}"
+            )
+        if self.object_vertices[-1] != n or self.object_triangles[-1] != len(self.triangles):
+            raise ValueError(
+                f"a city mesh's offsets end at its {n} vertices and {len(self.triangles)} triangles, "
+                f"found {self.object_vertices[-1]} and {self.object_triangles[-1]}"
+            )
+        object.__setattr__(self, "triangle_counts", np.diff(self.object_triangles))
+        for name in self.__slots__:
+            getattr(self, name).setflags(write=False)
+
+
+def build_city_mesh(city: City) -> CityMesh:
+    """Textured triangles of all objects of ``city``: walls, roofs and, where prisms float, undersides.
+
+    An object with a ``mesh`` of its own is drawn as that.
+    """
+    looks = looks_of(city.objects)
+    prisms = [(i, prism) for i, one in enumerate(city.objects) if one.mesh is None for prism in one.prisms]
+    owners = np.array([i for i, _ in prisms], dtype=np.int64)
+    polygons = np.array([prism.footprint for _, prism in prisms], dtype=object)
+    heights = np.array([(prism.bottom, prism.top) for _, prism in prisms]).reshape(-1, 2)
+    grounds = _grounds(city, polygons)
+    walls, roofs = (make(polygons, heights, owners, looks, grounds) for make in (_walls, _roofs))
+    modelled = [i for i, one in enumerate(city.objects) if one.mesh is not None]
+    meshed = [city.objects[i] for i in modelled]
+    if all((one.mesh.textures == PAINTED).all() for one in meshed if one.mesh is not None):
+        own = mesh_part(meshed, np.array(modelled, dtype=np.int64), looks, None)
+        return _assemble([walls, roofs, own], len(city.objects), facades.facade_texture())
+    painted = bool(prisms) or any((one.mesh.textures == PAINTED).any() for one in meshed if one.mesh is not None)
+    atlas = pack_atlas(city.textures, repeats_of(meshed, city.textures), painted=painted)
+    own = mesh_part(meshed, np.array(modelled, dtype=np.int64), looks, atlas)
+    for part in (walls, roofs):
+        part.uv[:] *= atlas.facade_scale
+    return _assemble([walls, roofs, own], len(city.objects), atlas.texture)
+
+
+def _grounds(city: City, polygons: NDArray[np.object_]) -> NDArray[np.float64]:
+    """(k,) the lowest ground at the corners of each of ``polygons``, metres."""
+    if city.terrain is None or not len(polygons):
+        return np.full(len(polygons), city.ground)
+    points, of = shapely.get_coordinates(shapely.get_exterior_ring(polygons), return_index=True)
+    return np.minimum.reduceat(city.ground_at(points), np.searchsorted(of, np.arange(len(polygons))))
+
+
+def mesh_of(city_mesh: CityMesh, objects: ArrayLike) -> CityMesh:
+    """The mesh of some objects, in the order given: object j of the result is ``objects[j]`` (indices) of ``city_mesh``."""
+    chosen = np.asarray(objects, dtype=np.int64).reshape(-1)
+    vertices, vertex_offsets = _ranges(city_mesh.object_vertices, chosen)
+    triangles, triangle_offsets = _ranges(city_mesh.object_triangles, chosen)
+    shift = vertex_offsets[:-1] - city_mesh.object_vertices[chosen]
+    moved = city_mesh.triangles[triangles] + np.repeat(shift, np.diff(triangle_offsets))[:, None]
+    return CityMesh(
+        positions=city_mesh.positions[vertices],
+        uv=city_mesh.uv[vertices],
+        colors=city_mesh.colors[vertices],
+        triangles=moved.astype(np.int32),
+        object_vertices=vertex_offsets,
+        object_triangles=triangle_offsets,
+        texture=city_mesh.texture,
+    )
+
+
+def triangles_of(mesh: CityMesh, objects: ArrayLike) -> NDArray[np.int32]:
+    """(m, 3) the triangles of some objects, still as indices into all of the mesh's vertices."""
+    rows, _ = _ranges(mesh.object_triangles, np.asarray(objects, dtype=np.int64).reshape(-1))
+    return mesh.triangles[rows]
+
+
+# ------------------------------------------------------------------------------------------------ walls and caps
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Walls:
+    """Walls along edges of footprints, from ``a`` to ``b`` (n, 2), of ``prism`` (n,), and how they look at both ends: ``u``
+    (n, 2), ``blind`` (n, 2) without windows, and ``base`` (n, 2, 3), tint and light.
+    """
+
+    a: NDArray[np.float64]
+    b: NDArray[np.float64]
+    prism: NDArray[np.int64]
+    u: NDArray[np.float64]
+    blind: NDArray[np.bool_]
+    base: NDArray[np.float64]
+
+
+def _walls(
+    polygons: NDArray[np.object_],
+    heights: NDArray[np.float64],
+    owners: NDArray[np.int64],
+    looks: Looks,
+    grounds: NDArray[np.float64],
+) -> Part:
+    """Upright quads along every edge of every footprint; where a prism has more storeys than the atlas, several."""
+    walls = _walls_along(polygons, heights, owners, looks)
+    prism = walls.prism
+    bottom, top = heights[prism].T
+    floating = bottom > grounds[prism] + _FLOATING
+    storeys = np.maximum(1, np.rint((top - bottom) / facades.STOREY)).astype(np.int64)
+    first_row = floating.astype(np.int64)  # above a door, only upper storeys
+    room = facades.ROWS - 1
+    pieces = np.maximum(1, -(-(storeys - (1 - first_row)) // room))
+
+    wall = np.repeat(np.arange(len(prism)), pieces)
+    piece = np.arange(len(wall)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    ground_floor = (1 - first_row)[wall]
+    from_storey = np.where(piece > 0, piece * room + ground_floor, 0)
+    to_storey = np.minimum((piece + 1) * room + ground_floor, storeys[wall])
+    low_row = np.where(piece > 0, 1, first_row[wall])
+    high_row = low_row + to_storey - from_storey
+    rise = ((top - bottom) / storeys)[wall]
+    # The ends are the prism's heights themselves, and both pieces at a seam compute the same height.
+    low = np.where(from_storey == 0, bottom[wall], bottom[wall] + from_storey * rise)
+    high = np.where(to_storey == storeys[wall], top[wall], bottom[wall] + to_storey * rise)
+
+    owner = owners[prism[wall]]
+    style = looks.style[owner]
+    strip_top, strip_bottom = facades.plain_strip(style)
+    v_low = [np.where(blind, strip_bottom, facades.storey_v(style, low_row)) for blind in walls.blind[wall].T]
+    v_high = [np.where(blind, strip_top, facades.storey_v(style, high_row)) for blind in walls.blind[wall].T]
+    ends, u, base = (walls.a[wall], walls.b[wall]), walls.u[wall], walls.base[wall]
+    corners = [
+        (ends[k], z, u[:, k], v[k], base[:, k])
+        for z, v, k in ((low, v_low, 0), (low, v_low, 1), (high, v_high, 1), (high, v_high, 0))
+    ]
+    quads = np.arange(len(wall))[:, None, None]
+    return Part(
+        positions=_interleave([np.column_stack([xy, z]) for xy, z, *_ in corners]),
+        uv=_interleave([np.column_stack([u, v]) for _, _, u, v, _ in corners]),
+        colors=_interleave([tint * contact(z - grounds[prism][wall])[:, None] for _, z, _, _, tint in corners]),
+        triangles=(4 * quads + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3),
+        owners=np.repeat(owner, 4),
+    )
+
+
+def _walls_along(
+    polygons: NDArray[np.object_], heights: NDArray[np.float64], owners: NDArray[np.int64], looks: Looks
+) -> _Walls:
+    """The walls of all prisms. Whole bays fit between the ends of each that has windows.
+
+    What stands along a cut (:mod:`mmi.city.long_objects`) is at both ends painted like the facade that ends there. Nobody
+    sees it, but for a pixel at its rims where one part is geometry and its neighbour a texture: that is to look like the
+    facade.
+    """
+    rings, prism_of_ring = shapely.get_rings(polygons, return_index=True)
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    last = np.flatnonzero(np.append(ring[1:] != ring[:-1], True)) if len(ring) else np.empty(0, dtype=np.int64)
+    keep = np.ones(len(points), dtype=bool)
+    keep[last] = False  # no edge leads from one ring to the next
+    start = np.flatnonzero(keep)
+    length = np.hypot(*(points[start + 1] - points[start]).T)
+    start, length = start[length > 0.0], length[length > 0.0]
+    a, b, ring = points[start], points[start + 1], ring[start]
+    prism = prism_of_ring[ring]
+    owner = owners[prism]
+
+    blind = (length < _BLIND) | (_touched(a, b, np.zeros_like(prism)) >= 0)
+    bays = np.where(blind, length / facades.BAY, np.maximum(1, np.rint(length / facades.BAY)))
+    turn = np.arange(len(prism)) - np.searchsorted(prism, prism)  # which edge of its prism
+    u_a = ((looks.bay[owner] + 3 * turn) % facades.BAYS) / facades.BAYS
+    u_b = u_a + bays / facades.BAYS
+    normal = np.column_stack([b[:, 1] - a[:, 1], a[:, 0] - b[:, 0], np.zeros(len(a))]) / length[:, None]
+    base = looks.tint[owner] * light(normal)
+
+    _, height = np.unique(heights @ [1.0, 1.0j], return_inverse=True)
+    across = _touched(a, b, height[prism] * len(looks.whole) + looks.whole[owner])
+    is_cut = (across >= 0) & (owner != owner[across])
+    before, after = _neighbours(is_cut, ring)
+    cut = is_cut & (before >= 0)
+    each = np.arange(len(a))
+    like = np.column_stack([np.where(cut, before, each), np.where(cut, after, each)])
+    u = np.column_stack([np.where(cut, u_b[before], u_a), np.where(cut, u_a[after], u_b)])
+    u[cut, 1] += np.rint(u[cut, 0] - u[cut, 1])  # the texture repeats: the short way
+    return _Walls(a, b, prism, u, blind[like], base[like])
+
+
+def _touched(a: NDArray[np.float64], b: NDArray[np.float64], kind: NDArray[np.int64]) -> NDArray[np.int64]:
+    """For each edge a -> b, (n, 2) each, one of its ``kind`` (n,) that is b -> a (to the centimetre), so that two prisms touch;
+    -1 for none.
+    """
+    x, y = np.rint(100.0 * np.concatenate([a, b])).astype(np.int64).T
+    _, points = np.unique((x << 32) + y, return_inverse=True)
+    start, end = points.reshape(2, -1).astype(np.int64)
+    count = len(points) + 1
+    _, edges = np.unique(np.concatenate([start * count + end, end * count + start]), return_inverse=True)
+    forth, back = edges.reshape(2, -1).astype(np.int64) * (kind.max(initial=0) + 1) + kind
+    order = np.argsort(back, kind="stable")
+    place = order[np.searchsorted(back, forth, sorter=order) % max(len(back), 1)]
+    return np.where(back[place] == forth, place, -1)
+
+
+def _neighbours(passed: NDArray[np.bool_], ring: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """For each edge, (n,) both, the last before it and the first behind it in its ring that is not ``passed``; -1 for none.
+
+    Edges are in the order of the rings, ``ring`` (n,).
+    """
+    rows = np.append(np.flatnonzero(~passed), -1)
+    first, end = (np.searchsorted(ring[rows[:-1]], ring, side=side) for side in ("left", "right"))
+    behind = np.searchsorted(rows[:-1], np.arange(len(ring)), side="right")
+    before = np.searchsorted(rows[:-1], np.arange(len(ring))) - 1
+    none = first == end
+    before = np.where(none, -1, np.where(before >= first, before, end - 1))
+    behind = np.where(none, -1, np.where(behind < end, behind, first))
+    return rows[before], rows[behind]
+
+
+def _roofs(
+    polygons: NDArray[np.object_],
+    heights: NDArray[np.float64],
+    owners: NDArray[np.int64],
+    looks: Looks,
+    grounds: NDArray[np.float64],
+) -> Part:
+    """Roofs of all prisms, and after each the underside where the prism floats."""
+    points, triangles, of = triangulate(polygons)
+    each = np.arange(len(polygons) + 1)
+    caps = np.repeat(each[:-1], np.where(heights[:, 0] > grounds + _FLOATING, 2, 1))
+    below = np.zeros(len(caps), dtype=bool)
+    below[1:] = caps[1:] == caps[:-1]
+    vertices, starts = _ranges(np.searchsorted(of, each), caps)
+    rows, row_starts = _ranges(np.searchsorted(of[triangles[:, 0]], each), caps)
+    cap = np.repeat(np.arange(len(caps)), np.diff(starts))
+    turned = np.repeat(below, np.diff(row_starts))
+    used = triangles[rows] + np.repeat(starts[:-1] - np.searchsorted(of, caps), np.diff(row_starts))[:, None]
+    used[turned] = used[turned][:, ::-1]
+    up, down = light(np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]))
+    owner = owners[caps]
+    # Roofs take half of the tint: slate is not the colour of the wall below.
+    colors = (0.5 + 0.5 * looks.tint[owner]) * np.where(below[:, None], 0.6 * down, up)
+    return Part(
+        positions=np.column_stack([points[vertices], np.where(below, heights[caps, 0], heights[caps, 1])[cap]]),
+        uv=strip_uv(points[vertices], cap, *(v[owner] for v in facades.roof_strip(looks.style))),
+        colors=colors[cap],
+        triangles=used,
+        owners=owner[cap],
+    )
+
+
+# ----------------------------------------------------------------------------------------------------- mechanics
+
+
+def _interleave(corners: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Arrays (n, d), one a corner -> (n * corners, d), quad by quad."""
+    return np.stack(corners, axis=1).reshape(-1, corners[0].shape[1])
+
+
+def _ranges(offsets: NDArray[np.int64], chosen: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Indices in the chosen ranges [offsets[i], offsets[i + 1]), one after the other, and the offsets of the result."""
+    counts = offsets[chosen + 1] - offsets[chosen]
+    ends = np.concatenate([[0], np.cumsum(counts)])
+    return np.arange(ends[-1]) + np.repeat(offsets[chosen] - ends[:-1], counts), ends
+
+
+def _assemble(parts: list[Part], objects: int, texture: NDArray[np.uint8]) -> CityMesh:
+    """Group all vertices and triangles by object, keeping the order within one."""
+    counts = [len(part.positions) for part in parts]
+    shifts = np.cumsum([0, *counts[:-1]])
+    owners = np.concatenate([part.owners for part in parts]).astype(np.int64)
+    triangles = np.concatenate([part.triangles + shift for part, shift in zip(parts, shifts, strict=True)])
+    triangle_owners = owners[triangles[:, 0]]
+    order = np.argsort(owners, kind="stable")
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    # Narrowed before they are joined: this is where a city takes most memory.
+    colors = [np.clip(np.rint(255.0 * part.colors), 0, 255).astype(np.uint8) for part in parts]
+    bounds = np.arange(objects + 1)
+    return CityMesh(
+        positions=np.concatenate([part.positions for part in parts], dtype=np.float32, casting="same_kind")[order],
+        uv=np.concatenate([part.uv for part in parts], dtype=np.float32, casting="same_kind")[order],
+        colors=np.concatenate(colors)[order],
+        triangles=place[triangles[np.argsort(triangle_owners, kind="stable")]].astype(np.int32),
+        object_vertices=np.searchsorted(owners[order], bounds).astype(np.int64),
+        object_triangles=np.searchsorted(np.sort(triangle_owners), bounds).astype(np.int64),
+        texture=texture,
+    )

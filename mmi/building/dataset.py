@@ -1,0 +1,241 @@
+"""A dataset of a whole city: which cells are to be made, made by worker processes, resumable at any moment.
+
+A cell's record (see :mod:`mmi.dataset.folder`) carries three fingerprints. ``inputs`` covers parameters, cell and street
+neighbourhood, and the city; while it is current nothing needs to be looked at. ``content`` covers what the cell's files
+were made from: parameters, cell, the objects that are visible from it, and hills. When the city has changed, a cell is planned
+again, which is cheap, and only if its content differs is it captured again.
+
+A cell that exceeds a budget is cut in halves (:mod:`mmi.building.halving`). Its record then has ``halves``, and no files.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import networkx as nx
+
+from mmi.building.halving import whole_of, with_halves_joined
+from mmi.building.processes import Done, Job, costs_over_budget, run_jobs
+from mmi.cells.viewing_cells import spread, viewing_cells
+from mmi.city.codec import city_to_json
+from mmi.city.long_objects import cut_objects
+from mmi.city.model import City
+from mmi.dataset.city_files import city_glb
+from mmi.dataset.folder import FORMAT_VERSION, DatasetFolder, build_folder
+from mmi.foundation.errors import DatasetError, ParameterError
+from mmi.foundation.json_forms import fingerprint, readable_json, with_checksum
+from mmi.foundation.processes import package_version, peak_memory
+from mmi.planning.parameters import BuildParameters
+from mmi.planning.plan import landmark_factors
+
+__all__ = ["BuildSummary", "build_dataset", "cells_to_build"]
+
+
+@dataclass(frozen=True, slots=True)
+class BuildSummary:
+    """What a build did: cells made now, found complete, and kept because nothing that they see has changed."""
+
+    built: int
+    complete: int
+    unchanged: int
+    cells: int
+    bytes: int
+    seconds: float
+    peak_memory_bytes: int
+    workers: int
+    stages: dict[str, float]
+    parts: int
+    """Objects that are parts of longer ones (:mod:`mmi.city.long_objects`)."""
+    cut: int
+    """Cells that were cut in halves to keep the budgets."""
+    over_budget: dict[str, dict[str, tuple[int, int]]]
+    """Cells that exceed a budget and are too short to be cut: id -> budget -> (what it costs, what it may cost)."""
+
+
+def cells_to_build(
+    city: City, parameters: BuildParameters, *, cells: Sequence[str] | None = None, max_cells: int | None = None
+) -> tuple[nx.Graph, list[str]]:
+    """The graph of all viewing cells, and the ids asked for: all, those named, or ``max_cells`` spread over the city.
+
+    Raises ParameterError for an unknown cell or landmark, or where there are no cells at all.
+    """
+    landmark_factors(city, parameters)
+    graph = viewing_cells(city, max_length=parameters.cell_length, eye=parameters.eye)
+    if not len(graph):
+        raise ParameterError(f"{city.source}: streets with room for a viewing cell expected, found none")
+    if cells is not None:
+        unknown = [cell for cell in cells if cell not in graph]
+        if unknown:
+            some = ", ".join(list(graph)[:3])
+            raise ParameterError(f"cell {unknown[0]}: one of the {len(graph)} cells ({some}, ...) expected")
+        return graph, sorted(set(cells))
+    if max_cells is not None:
+        if max_cells < 1:
+            raise ParameterError(f"a number of cells of at least 1 expected, found {max_cells}")
+        return graph, sorted(spread(graph, max_cells))
+    return graph, sorted(graph)
+
+
+def build_dataset(
+    city: City,
+    out: Path,
+    parameters: BuildParameters | None = None,
+    *,
+    cells: Sequence[str] | None = None,
+    max_cells: int | None = None,
+    workers: int = 1,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> BuildSummary:
+    """Build, resume or bring up to date the dataset in folder ``out``.
+
+    The bytes depend on city and parameters alone (``build.json`` aside). Cells of earlier builds that are still current
+    stay in the dataset, asked for or not. ``progress`` is called with (cells done, cells to do, cell).
+
+    Raises ParameterError, CaptureError, DatasetError.
+    """
+    parameters = parameters or BuildParameters()
+    if workers < 1:
+        raise ParameterError(f"a number of workers of at least 1 expected, found {workers}")
+    start = time.perf_counter()
+    graph, names = cells_to_build(city, parameters, cells=cells, max_cells=max_cells)
+    city = cut_objects(city, parameters.longest_object)
+    with build_folder(Path(out)) as folder:
+        stored = city_to_json(city)
+        settings = {"format": FORMAT_VERSION, "version": package_version(), "parameters": parameters.as_dict()}
+        city_print = fingerprint(stored.decode())
+        common = fingerprint([settings, city_print])
+        jobs = [Job(graph.nodes[name]["cell"], tuple(sorted(graph.neighbors(name))), common) for name in graph]
+        current, pending = _divided(folder, jobs, set(names))
+        shared = _write_shared(folder, city, stored)
+
+        done: list[Done] = []
+        to_do = len(pending)
+        for one in run_jobs(folder, city, parameters, pending, min(workers, max(len(pending), 1))):
+            done.append(one)
+            to_do += len(one.halves)
+            if progress is not None:
+                progress(len(done), to_do, one.cell)
+
+        present = current | {one.cell for one in done}
+        for stale in set(folder.recorded_cells()) - present:
+            folder.remove_cell(stale)
+        records = [_recorded(folder, name) for name in sorted(present)]
+        entries = with_halves_joined([record["entry"] for record in records if not record["halves"]])
+        manifest = _manifest(parameters, shared, entries)
+        folder.write("manifest.json", readable_json(manifest))
+        complete = len({whole_of(name) for name in current} & set(names) - {whole_of(job.cell.id) for job in pending})
+        parts = sum(one.part_of is not None for one in city.objects)
+        summary = _summary(done, complete, parameters, manifest, time.perf_counter() - start, workers, parts)
+        folder.write("build.json", readable_json(_build_json(summary)))
+    return summary
+
+
+def _divided(folder: DatasetFolder, jobs: list[Job], wanted: set[str]) -> tuple[set[str], list[Job]]:
+    """The cells whose records are current, halves of cut ones too, and what is still to be done for ``wanted`` cells."""
+    current, pending, open_jobs = set(), [], list(reversed(jobs))
+    while open_jobs:
+        job = open_jobs.pop()
+        record = folder.record(job.cell.id)
+        if record is not None and record.get("inputs") == job.inputs:
+            current.add(job.cell.id)
+            open_jobs += reversed(job.halves() if record["halves"] else [])
+        elif whole_of(job.cell.id) in wanted:
+            pending.append(job)
+    return current, pending
+
+
+def _recorded(folder: DatasetFolder, name: str) -> dict[str, Any]:
+    record = folder.record(name, check=False)
+    if record is None:
+        raise DatasetError(
+            f"{folder.path / 'cells' / name}.json: written, but damaged since; run the same command again"
+        )
+    return record
+
+
+def _write_shared(folder: DatasetFolder, city: City, stored: bytes) -> dict[str, Any]:
+    """The manifest's entry ``city``; writes the two files that all cells share."""
+    geometry, triangles = city_glb(city)
+    return {
+        "source": city.source,
+        "crs": city.crs,
+        "origin": list(city.origin),
+        "ground": city.ground,
+        "objects": len(city.objects),
+        "triangles": triangles,
+        "files": {"json": folder.write("city.json", stored), "glb": folder.write("city.glb", geometry)},
+    }
+
+
+# ------------------------------------------------------------------------------------------------------- summaries
+
+
+def _manifest(parameters: BuildParameters, shared: dict[str, Any], entries: list[dict[str, Any]]) -> dict[str, Any]:
+    """What is in the dataset; see schemas/manifest.json."""
+    size = sum(entry["bytes"] for entry in entries) + sum(file["bytes"] for file in shared["files"].values())
+    return with_checksum(
+        {
+            "format_version": FORMAT_VERSION,
+            "city": shared,
+            "parameters": parameters.as_dict(),
+            "cells": entries,
+            "totals": {"cells": len(entries), "bytes": size},
+        }
+    )
+
+
+def _summary(
+    done: list[Done],
+    complete: int,
+    parameters: BuildParameters,
+    manifest: dict[str, Any],
+    seconds: float,
+    workers: int,
+    parts: int,
+) -> BuildSummary:
+    stages: dict[str, float] = {}
+    peaks: dict[int, int] = {os.getpid(): peak_memory()}
+    for one in done:
+        peaks[one.process] = max(peaks.get(one.process, 0), one.peak_memory_bytes)
+        for stage, spent in one.seconds.items():
+            stages[stage] = stages.get(stage, 0.0) + spent
+    built = sum(one.captured and not one.halves for one in done)
+    cut = sum(bool(one.halves) for one in done)
+    over = {entry["id"]: costs_over_budget(parameters, entry) for entry in manifest["cells"]}
+    return BuildSummary(
+        built=built,
+        complete=complete,
+        unchanged=len(done) - built - cut,
+        cells=manifest["totals"]["cells"],
+        bytes=manifest["totals"]["bytes"],
+        seconds=seconds,
+        peak_memory_bytes=sum(peaks.values()),
+        workers=workers,
+        stages=stages,
+        parts=parts,
+        cut=cut,
+        over_budget={cell: costs for cell, costs in over.items() if costs},
+    )
+
+
+def _build_json(summary: BuildSummary) -> dict[str, Any]:
+    return {
+        "program": "build-impostors",
+        "format_version": FORMAT_VERSION,
+        "version": package_version(),
+        "totals": {
+            "cells": summary.cells,
+            "built": summary.built,
+            "complete": summary.complete,
+            "unchanged": summary.unchanged,
+            "seconds": summary.seconds,
+            "peak_memory_bytes": summary.peak_memory_bytes,
+            "workers": summary.workers,
+        },
+        "stages": summary.stages,
+    }

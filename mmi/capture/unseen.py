@@ -1,0 +1,103 @@
+"""Texels of a capture that nobody in the cell can see: they are left out.
+
+A layer is captured without what is in front of it, so its picture holds all of its objects that the reference viewpoint would
+see if the rest of the city were not there. Much of that is hidden, from everywhere in the cell, by near objects and by other
+layers: :class:`mmi.visibility.selection.Sight` knows the lowest visible point of each wall. What is below takes memory for
+nothing, and mixes into the depths of what is visible beside it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mmi.capture.layer_values import DepthTexture
+from mmi.visibility.selection import Sight
+from mmi.visibility.walls import Walls
+
+__all__ = ["without_unseen"]
+
+_ON_WALL = 0.05
+"""Metres that a captured point may lie off its wall, and a thousandth of its distance more: depth is no better than that."""
+_SAME = 1e-5
+"""Relative difference of distances below which a point is on the wall of the one above it."""
+_ABOVE = 1.0
+"""Metres above the reference viewpoint that an eye band does not reach: roofs up there are out of sight."""
+
+
+def without_unseen(texture: DepthTexture, walls: Walls, sight: Sight) -> DepthTexture:
+    """``texture`` without the texels of walls that lie a texel or more below what ``sight`` says may be seen of them.
+
+    Of a wall that is hidden in whole nothing is left, unless it is so low that its top may be a roof's edge in sight.
+
+    A point near several walls of its object goes by the one that is visible lowest; one that is on none (a roof, an
+    underside) stays.
+    """
+    view = texture.view
+    axes = np.ascontiguousarray(view.world_from_eye[:2, :3])
+    hidden = _hidden(
+        texture.depth,
+        texture.object_ids,
+        view.window[0],
+        view.window[1],
+        view.focal,
+        view.eye,
+        axes,
+        walls.a,
+        walls.b,
+        walls.first,
+        np.where(
+            walls.top < view.eye[2] + _ABOVE,
+            np.minimum(sight.lowest, walls.top),
+            np.where(sight.lowest < walls.top, sight.lowest, np.inf),
+        ),
+    )
+    depth, ids = texture.depth.copy(), texture.object_ids.copy()
+    depth[hidden], ids[hidden] = np.inf, -1
+    return DepthTexture(view, texture.color, depth, ids)
+
+
+@njit(cache=True, error_model="numpy")
+def _hidden(
+    depth: NDArray[np.float32],
+    ids: NDArray[np.int32],
+    left: int,
+    top: int,
+    focal: float,
+    eye: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    first: NDArray[np.int64],
+    lowest: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """(h, w). ``axes`` (2, 3) turn the eye's directions into the ground plane; the view is level."""
+    hidden = np.zeros(depth.shape, dtype=np.bool_)
+    for i in range(depth.shape[1]):
+        last, known = -1, 0.0  # down a column, a wall is at one distance
+        found, low = False, np.inf
+        for j in range(depth.shape[0]):
+            one = ids[j, i]
+            if one < 0:
+                continue
+            z = np.float64(depth[j, i])
+            u = (left + i + 0.5) / focal * z
+            height = eye[2] - (top + j - 0.5) / focal * z  # of the texel above
+            if one == last and abs(z - known) <= _SAME * z:
+                hidden[j, i] = found and height < low
+                continue
+            last, known = one, z
+            x, y = eye[0] + axes[0, 0] * u - axes[0, 2] * z, eye[1] + axes[1, 0] * u - axes[1, 2] * z
+            nearest = _ON_WALL + 1e-3 * z
+            reach = nearest * nearest
+            found, low = False, np.inf
+            for w in range(first[one], first[one + 1]):
+                ex, ey, px, py = b[w, 0] - a[w, 0], b[w, 1] - a[w, 1], x - a[w, 0], y - a[w, 1]
+                square = ex * ex + ey * ey
+                t = min(max((px * ex + py * ey) / square, 0.0), 1.0) if square > 0.0 else 0.0
+                if (px - t * ex) ** 2 + (py - t * ey) ** 2 <= reach:
+                    found = True
+                    low = min(low, lowest[w])
+            hidden[j, i] = found and height < low
+    return hidden

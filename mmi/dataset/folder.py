@@ -1,0 +1,196 @@
+"""The dataset on disk: a folder that a killed build can resume, and that tells when it was damaged.
+
+    OUT/manifest.json      what is in it; the same bytes for the same city and parameters (schemas/manifest.json)
+    OUT/build.json         what the machine did; the only file that differs between builds (schemas/build.json)
+    OUT/city.json          objects and streets;  OUT/city.glb  their geometry, shared by all cells
+    OUT/cells/ID.json      a cell's record: its entry in the manifest, and fingerprints of what it was made from
+    OUT/cells/ID.exr       its depth textures;   OUT/cells/ID.glb  its layers' meshes and textures
+
+Files are written under a temporary name and renamed. A cell's record comes last: where it is there, and its checksums hold,
+the cell is complete. The manifest carries its own checksum, so readers may take for granted what it says. Nothing is ever
+unpickled.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mmi.foundation.errors import DatasetError
+from mmi.foundation.json_forms import canonical_json, readable_json
+
+__all__ = ["FORMAT_VERSION", "PROGRAM", "DatasetFolder", "build_folder", "is_ours", "make_folder"]
+
+FORMAT_VERSION = 7
+PROGRAM = "build-impostors"
+"""What ``build.json`` says wrote the dataset."""
+_TEMPORARY = ".part"
+
+
+@dataclass(frozen=True, slots=True)
+class DatasetFolder:
+    """A dataset's folder, open for building; get one from :func:`build_folder`. Raises DatasetError when it cannot write."""
+
+    path: Path
+
+    def write(self, name: str, data: bytes) -> dict[str, Any]:
+        """Write a file whole or not at all; its checksum entry ``{name, bytes, sha256}``. Unchanged files stay untouched."""
+        target = self.path / name
+        entry = {"name": name, "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+        if _checksum(target) == (entry["bytes"], entry["sha256"]):
+            return entry
+        return self.write_with(name, lambda temporary: _write_bytes(temporary, data))
+
+    def write_with(self, name: str, write: Callable[[Path], None]) -> dict[str, Any]:
+        """The same for a library that writes to a path itself."""
+        target = self.path / name
+        temporary = target.with_name(f"{target.name}{_TEMPORARY}-{os.getpid()}")
+        try:
+            write(temporary)
+            found = _checksum(temporary)
+            temporary.replace(target)
+        except (OSError, RuntimeError) as error:  # OpenEXR raises RuntimeError
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
+            raise _cannot_write(target, error) from error
+        if found is None:
+            raise DatasetError(f"{target}: written, but it cannot be read back")
+        return {"name": name, "bytes": found[0], "sha256": found[1]}
+
+    def read(self, name: str) -> bytes:
+        """A file's bytes. Raises DatasetError if it cannot be read."""
+        try:
+            return (self.path / name).read_bytes()
+        except OSError as error:
+            raise DatasetError(f"{self.path / name}: cannot be read ({error.strerror})") from error
+
+    def record(self, cell: str, *, check: bool = True) -> dict[str, Any] | None:
+        """A complete cell's record; None where there is none, or where it or a file that it names is damaged.
+
+        Without ``check`` the files are not read: for a cell that this build has just written or checked.
+        """
+        try:
+            record = json.loads((self.path / "cells" / f"{cell}.json").read_bytes())
+            files = record["entry"]["files"].values()
+            whole = not check or all(
+                _checksum(self.path / "cells" / Path(file["name"]).name) == (file["bytes"], file["sha256"])
+                for file in files
+            )
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            return None
+        return record if whole else None
+
+    def write_record(self, cell: str, record: Mapping[str, Any]) -> None:
+        """Declare a cell complete."""
+        self.write(f"cells/{cell}.json", canonical_json(record))
+
+    def recorded_cells(self) -> list[str]:
+        """Ids of the cells that have a record, sorted."""
+        return sorted(path.stem for path in (self.path / "cells").glob("*.json"))
+
+    def remove_cell(self, cell: str) -> None:
+        """Delete a cell's files, its record first."""
+        for suffix in (".json", ".exr", ".glb"):
+            (self.path / "cells" / f"{cell}{suffix}").unlink(missing_ok=True)
+
+
+def make_folder(path: Path) -> None:
+    """Make ``path`` a folder that a dataset can be built in, changing nothing in a folder that holds something else.
+
+    Raises DatasetError when it is a file, a folder of other files, or cannot be made.
+    """
+    if path.exists() and not path.is_dir():
+        raise DatasetError(f"{path}: a folder for the dataset expected, found a file")
+    try:
+        present = {entry.name for entry in path.iterdir() if not _is_blank(entry)} if path.exists() else set()
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot be read ({error.strerror})") from error
+    if present and not is_ours(path):
+        some = ", ".join(sorted(present)[:3])
+        raise DatasetError(
+            f"{path}: a new or empty folder, or a dataset of {PROGRAM}, expected; found other files ({some}); "
+            "nothing was changed"
+        )
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+
+
+@contextmanager
+def build_folder(path: Path) -> Iterator[DatasetFolder]:
+    """Make or reopen ``path`` for building, alone: a lock keeps a second build out for as long as this process lives.
+
+    Raises DatasetError when the folder holds something else, is in use by another build, or cannot be written.
+    """
+    path = Path(path)
+    make_folder(path)
+    try:
+        (path / "cells").mkdir(exist_ok=True)
+        lock = (path / ".lock").open("w")
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise DatasetError(f"{path}: another {PROGRAM} is writing here; wait for it or stop it first") from error
+        folder = DatasetFolder(path)
+        if not (path / "build.json").exists():
+            folder.write("build.json", readable_json({"program": PROGRAM, "format_version": FORMAT_VERSION}))
+        for leftover in [*path.glob(f"*{_TEMPORARY}-*"), *(path / "cells").glob(f"*{_TEMPORARY}-*")]:
+            leftover.unlink(missing_ok=True)
+        try:
+            yield folder
+        finally:
+            (path / ".lock").unlink(missing_ok=True)
+
+
+def _is_blank(entry: Path) -> bool:
+    """Whether this is what a build leaves in its folder that was killed before it could sign it with ``build.json``."""
+    if entry.name == "cells":
+        return entry.is_dir() and not any(entry.iterdir())
+    return entry.name == ".lock" or entry.name.startswith(f"build.json{_TEMPORARY}-")
+
+
+def is_ours(path: Path) -> bool:
+    """Whether a folder holds a dataset, or the beginnings of one, by its ``build.json``."""
+    try:
+        marker = json.loads((path / "build.json").read_bytes())
+    except (OSError, ValueError):
+        return False
+    return isinstance(marker, dict) and marker.get("program") == PROGRAM
+
+
+def _checksum(path: Path) -> tuple[int, str] | None:
+    """(bytes, sha256) of a file, None where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            return os.fstat(file.fileno()).st_size, digest
+    except OSError:
+        return None
+
+
+def _write_bytes(path: Path, data: bytes) -> None:
+    with path.open("wb") as file:
+        file.write(data)
+
+
+def _cannot_write(path: Path, error: BaseException) -> DatasetError:
+    reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+    if isinstance(error, OSError):
+        reason = error.strerror or reason
+        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            return DatasetError(
+                f"{path}: the disk is full ({reason}); make room and run the same command again: finished cells are kept"
+            )
+    return DatasetError(f"{path}: cannot be written ({reason}); finished cells are kept")

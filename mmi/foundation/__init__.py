@@ -1,0 +1,6 @@
+"""What everything stands on and nothing of the paper: it imports no other package of the project.
+
+Errors and the camera (``errors``, ``camera``), chords between points of one capture ray (``ray_chords``), the thickness of a
+region (``thickness``), sRGB (``srgb``), files that are whole or not there (``whole_files``), JSON and fingerprints
+(``json_forms``), processes and the stopwatch.
+"""

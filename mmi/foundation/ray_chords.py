@@ -1,0 +1,51 @@
+"""How far two points of one capture ray part as seen from elsewhere: the measure behind every bound, as compiled kernels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mmi.foundation.camera import View
+
+__all__ = ["chord", "frame_of", "may_exceed"]
+
+
+def frame_of(view: View, viewpoints: NDArray[np.float64]) -> tuple[tuple[float, float, float], NDArray[np.float64]]:
+    """The window's left, top and focal length in texels, and ``viewpoints`` (k, 3) in the capture's eye space."""
+    offsets = viewpoints @ view.eye_from_world[:3, :3].T + view.eye_from_world[:3, 3]
+    return (float(view.window[0]), float(view.window[1]), view.focal), offsets
+
+
+@njit(cache=True, error_model="numpy")
+def chord(
+    x: float, y: float, captured: float, drawn: float, frame: tuple[float, float, float], offsets: NDArray[np.float64]
+) -> float:
+    """Distance between the directions to where a texel was captured and where it is drawn (both 1/z), from any of ``offsets``.
+
+    (x, y) counts in texels from the window's corner; ``offsets`` (k, 3) are viewpoints in the capture's eye space.
+    """
+    ux, uy = (frame[0] + x) / frame[2], -(frame[1] + y) / frame[2]
+    most = 0.0
+    z1, z2 = 1.0 / captured, 1.0 / drawn
+    for k in range(len(offsets)):
+        x1, y1, w1 = ux * z1 - offsets[k, 0], uy * z1 - offsets[k, 1], -z1 - offsets[k, 2]
+        x2, y2, w2 = ux * z2 - offsets[k, 0], uy * z2 - offsets[k, 1], -z2 - offsets[k, 2]
+        n1, n2 = (x1 * x1 + y1 * y1 + w1 * w1) ** -0.5, (x2 * x2 + y2 * y2 + w2 * w2) ** -0.5
+        dx, dy, dw = x1 * n1 - x2 * n2, y1 * n1 - y2 * n2, w1 * n1 - w2 * n2
+        most = max(most, dx * dx + dy * dy + dw * dw)
+    return most**0.5
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def may_exceed(most: float, near: float, far: float, reach: float) -> bool:
+    """Whether the square of the chord between two points of a capture ray may exceed ``most``, from ``reach`` metres around.
+
+    The points are ``near`` and ``far`` metres away. From M the sine of the angle between P and Q is |(P-M) x (Q-M)| /
+    (|P-M| |Q-M|), and its numerator |M x (P-Q)|, as both are on one ray: at most reach |P-Q| / ((|P| - reach) (|Q| - reach)).
+    That is less the larger both are in the same ratio, so distances on the ground do for rays that rise.
+    """
+    if near <= 2.0 * reach:
+        return True
+    square = (reach * (far - near) / ((near - reach) * (far - reach))) ** 2
+    return square * (1.0 + square) > most  # the chord's square is at most that, below a right angle

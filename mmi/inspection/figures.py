@@ -1,0 +1,83 @@
+"""What all plots share: figures drawn by Agg without pyplot's global state, the layers' colours, and a few habits."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
+
+from mmi.foundation.errors import DatasetError
+
+__all__ = ["EMPHASIS", "INK", "SMALL", "counted", "layer_style", "new_figure", "plain_log_ticks", "save", "tidy"]
+
+INK = "#222222"
+"""Outlines and marks."""
+EMPHASIS = "#D55E00"
+"""The one line in a diagram that matters."""
+SMALL = 8.0
+"""Font size of all but titles, points."""
+
+# Okabe & Ito's palette, which colour-blind readers can tell apart, without black; hatches tell its rounds apart.
+_COLORS = ("#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7")
+_HATCHES = ("", "////", "....", "xxxx")
+_DPI = 150
+
+
+def layer_style(layer: int) -> tuple[str, str]:
+    """(colour, hatch) of a layer; all of the first 28 differ."""
+    return _COLORS[layer % len(_COLORS)], _HATCHES[layer // len(_COLORS) % len(_HATCHES)]
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write ``figure`` as PNG; the same figure gives the same bytes. Raises DatasetError where that is impossible."""
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings(
+                "ignore", "Glyph .* missing from"
+            )  # streets have names in all of the world's scripts
+            figure.savefig(path, format="png", dpi=_DPI, metadata={"Software": None})
+    except OSError as error:
+        raise DatasetError(f"{path}: a writable file expected, found: {error.strerror or error}") from error
+
+
+def new_figure(width: float, height: float, *, arrange: bool = True) -> Figure:
+    """An empty figure of inches, drawn by Agg. Axes are arranged when it is drawn, or stay where they are put (faster)."""
+    layout = ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.1) if arrange else None
+    figure = Figure(figsize=(width, height), dpi=_DPI, layout=layout)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def counted(n: int, noun: str) -> str:
+    """``1 layer``, ``2 layers``."""
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
+def plain_log_ticks(axis: Axis, low: float, high: float) -> None:
+    """Ticks of a logarithmic axis at 1, 2 and 5 times powers of ten, fewer or more as there is room; without exponents."""
+    powers = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    steps = [1.0, 2.0, 5.0] if high < 50.0 * low else [1.0]
+    ticks = np.multiply.outer(powers, steps).ravel()
+    ticks = ticks[(ticks >= 0.999 * low) & (ticks <= 1.001 * high)]
+    if len(ticks) < 3:
+        ticks = np.asarray(MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(low, high))
+        ticks = ticks[(ticks >= low) & (ticks <= high)]
+    axis.set_major_locator(FixedLocator(ticks))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+    axis.set_tick_params(labelsize=SMALL)
+
+
+def tidy(axes: Axes) -> None:
+    """No box around a diagram, and a light grid behind it."""
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(axis="y", color="#E6E6E6", linewidth=0.6)
+    axes.set_axisbelow(True)

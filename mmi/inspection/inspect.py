@@ -1,0 +1,183 @@
+"""Pictures of a dataset: what its build decided for a cell and why, what it captured, and how big all cells are.
+
+The dataset holds what a cell shows, not the graph of visibility events behind it. That is planned again from the stored
+city and parameters and held against the manifest, so that no picture shows a plan that the dataset was not built from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from mmi.dataset.cell_files import read_impostor, stored_cell
+from mmi.dataset.reading import Dataset
+from mmi.foundation.errors import DatasetError, ParameterError
+from mmi.inspection.figures import counted, save
+from mmi.inspection.layer_sheets import dataset_histograms, layer_sheet
+from mmi.inspection.maps import birds_eye, event_graph_plot
+from mmi.planning.parameters import BuildParameters
+from mmi.planning.plan import CellPlan, Scene, plan_cell, prepare_scene
+from mmi.visibility.item_buffer import Identify
+
+__all__ = ["inspect_dataset", "typical_cell"]
+
+_COMPASS = ("east", "northeast", "north", "northwest", "west", "southwest", "south", "southeast")
+
+
+def inspect_dataset(
+    dataset: Dataset,
+    output: Path,
+    *,
+    cells: Sequence[str] | None = None,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> list[Path]:
+    """Draw ``cells``, by default the :func:`typical_cell`, into folder ``output``; the files written, in order.
+
+    For each cell ``ID-map.png`` (bird's-eye view, paper figure 5), ``ID-graph.png`` (visibility events and their weights)
+    and ``ID-sector-K.png`` for each sector K that has layers; then ``histograms.png`` over all cells of the dataset.
+    ``progress`` is called with (pictures done, pictures in all, the last one's name).
+
+    Raises DatasetError when there is no such cell or none at all, when the dataset is damaged or was built by another
+    version, or when ``output`` cannot be written; CaptureError where visibility by item buffer finds no OpenGL.
+    """
+    chosen = dict.fromkeys([typical_cell(dataset)] if cells is None else cells)
+    entries = [dataset.cell(cell) for cell in chosen]
+    with _as_described(dataset):
+        total = sum(2 + sum(map(bool, entry["layers"])) for entry in entries) + 1
+        histograms = _histograms(dataset)
+    output = Path(output)
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DatasetError(
+            f"{output}: a folder for the pictures expected, cannot be made ({error.strerror})"
+        ) from error
+    written: list[Path] = []
+
+    def write(name: str, figure: Figure) -> None:
+        save(figure, output / f"{name}.png")
+        written.append(output / f"{name}.png")
+        if progress is not None:
+            progress(len(written), total, name)
+
+    for name, figure in _cell_pictures(dataset, entries):
+        write(name, figure)
+    write("histograms", histograms)
+    return written
+
+
+def typical_cell(dataset: Dataset) -> str:
+    """The cell in the middle, by number of layers and then of far objects, of those that have any.
+
+    Raises DatasetError when the dataset has no cells.
+    """
+    with _as_described(dataset):
+        sizes = sorted(
+            (len({layer["index"] for sector in one["layers"] for layer in sector}), len(one["far"]), str(one["id"]))
+            for one in dataset.manifest["cells"]
+        )
+    if not sizes:
+        raise DatasetError(f"{dataset.path}: a dataset with cells expected, found none; build some")
+    sizes = [one for one in sizes if one[0] > 0] or sizes
+    return sizes[len(sizes) // 2][2]
+
+
+def _cell_pictures(dataset: Dataset, entries: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, Figure]]:
+    """(name, figure) of every picture of the cells with these entries of the manifest, one after the other."""
+    city = dataset.city()
+    try:
+        scene = prepare_scene(city, BuildParameters.from_dict(dataset.manifest["parameters"]))
+    except ParameterError as error:
+        raise _rebuild(dataset, str(error)) from error
+    parameters = scene.parameters
+    with _identify(scene) as identify:
+        for entry in entries:
+            cell = _file_name(dataset, entry)
+            plan = _planned(dataset, scene, entry, identify)
+            yield f"{cell}-map", birds_eye(city, plan)
+            yield (
+                f"{cell}-graph",
+                event_graph_plot(city, plan, camera=parameters.camera, max_error_px=parameters.max_error_px),
+            )
+            impostor = read_impostor(dataset, cell, city)
+            street = f", {entry['street']}" if entry["street"] else ""
+            for sector in sorted({layer.sector for layer in impostor.layers}):
+                layers = [layer for layer in impostor.layers if layer.sector == sector]
+                looking = _COMPASS[round(8.0 * sector / parameters.sectors) % 8]
+                number = counted(len({one.index for one in layers}), "layer")
+                title = f"cell {cell}{street}: {number} of sector {sector}, looking {looking}"
+                yield f"{cell}-sector-{sector}", layer_sheet(layers, title=title)
+
+
+def _planned(dataset: Dataset, scene: Scene, entry: Mapping[str, Any], identify: Identify | None) -> CellPlan:
+    """The plan that a cell was built from. Raises DatasetError where it is not the manifest's."""
+    with _as_described(dataset):
+        cell = stored_cell(entry)
+        near, far = list(entry["near"]), list(entry["far"])
+        stored = [
+            (far[place], one["index"]) for sector in entry["layers"] for one in sector for place in one["objects"]
+        ]
+    plan = plan_cell(scene, cell, identify=identify)
+    names = [one.id for one in scene.city.objects]
+    layer_of = {names[i]: index for index, members in enumerate(plan.layers) for i in members}
+    for what, found, expected in (
+        ("near objects", [names[i] for i in plan.selection.near], near),
+        ("far objects", [names[i] for i in plan.selection.far], far),
+        ("layers", [layer_of.get(name) for name, _ in stored], [index for _, index in stored]),
+    ):
+        if found != expected:
+            raise _rebuild(dataset, f"the {what} of cell {cell.id} are not those that this version finds")
+    return plan
+
+
+def _histograms(dataset: Dataset) -> Figure:
+    cells = dataset.manifest["cells"]
+    parameters, city = dataset.manifest["parameters"], dataset.manifest["city"]
+    display = parameters["camera"]
+    bound = "no bound on the" if parameters["layering"] == "single" else f"at most {parameters['max_error_px']:g} px of"
+    return dataset_histograms(
+        layers_per_view=[len({layer["index"] for layer in sector}) for one in cells for sector in one["layers"]],
+        cell_bytes=[one["bytes"] for one in cells],
+        near_objects=[len(one["near"]) for one in cells],
+        visible_objects=[len(one["near"]) + len(one["far"]) for one in cells],
+        triangles=[one["triangles"] for one in cells],
+        title=f"{Path(city['source']).name}: {counted(len(cells), 'cell')}, "
+        f"{bound} error at {display['width']} x {display['height']}",
+    )
+
+
+@contextmanager
+def _identify(scene: Scene) -> Iterator[Identify | None]:
+    """What draws item buffers, where visibility needs it; nothing loads OpenGL where it does not."""
+    if scene.visible is not None:
+        yield None
+        return
+    from mmi.capture.renderer import Capturer
+
+    with Capturer(scene.mesh) as capturer:
+        yield capturer.identify
+
+
+@contextmanager
+def _as_described(dataset: Dataset) -> Iterator[None]:
+    """Turns what goes wrong while a manifest's entries are read into a DatasetError."""
+    try:
+        yield
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, ParameterError) as error:
+        raise _rebuild(dataset, f"entries as build-impostors writes them expected, found others ({error!r})") from error
+
+
+def _file_name(dataset: Dataset, entry: Mapping[str, Any]) -> str:
+    """The cell's id. Raises DatasetError for one that would lead out of the folder."""
+    cell = str(entry["id"])
+    if Path(cell).name != cell:
+        raise _rebuild(dataset, f"a cell id without folders expected, found {cell!r}")
+    return cell
+
+
+def _rebuild(dataset: Dataset, what: str) -> DatasetError:
+    return DatasetError(f"{dataset.path / 'manifest.json'}: {what}; run build-impostors again")

@@ -1,0 +1,5 @@
+"""What is near, what is far, and which far objects share a layer: decides, and draws nothing.
+
+``plan`` tells it top to bottom; ``parameters`` are what a user sets; ``segmentation`` divides near from far, ``layering``
+colours the graph of visibility events, ``rehearsal`` looks at the plan from around the cell and makes near what it misses.
+"""

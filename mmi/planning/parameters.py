@@ -1,0 +1,145 @@
+"""What a build is told: every number and choice that decides the bytes of a dataset, checked once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+from mmi.foundation.camera import Camera
+from mmi.foundation.errors import ParameterError
+
+__all__ = ["LAYERINGS", "VISIBILITIES", "WEIGHTS", "BuildParameters"]
+
+VISIBILITIES = ("horizon", "item-buffer")
+WEIGHTS = ("same-ray", "critical-zone", "critical-zone-unsigned")
+LAYERINGS = ("best", "incremental", "largest-first", "smallest-last", "dsatur", "single")
+_MOST_PIXELS = 8192
+"""An 8K display; captures grow with the square of its focal length, and OpenGL draws 16384 pixels a side at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class BuildParameters:
+    """Parameters of a build; the defaults are the paper's experiment (section 6.1): 10 pixels of 512 x 512 at 60 degrees.
+
+    Lengths are metres, angles radians. Raises ParameterError for values without meaning.
+    """
+
+    max_error_px: float = 10.0
+    """Threshold T: how far what shares a layer may move apart, in pixels of ``camera``."""
+    camera: Camera = field(default_factory=lambda: Camera(512, 512, math.radians(60.0)))
+    near_distance: float = 30.0
+    """Objects nearer to the cell than this stay geometry (unless ``near_triangles`` is given)."""
+    near_triangles: int | None = None
+    """A budget: the nearest objects stay geometry as long as they have no more triangles than this together."""
+    longest_object: float | None = 40.0
+    """Longer objects are cut into parts (:mod:`mmi.city.long_objects`); None cuts nothing."""
+    steepest: float = 2.0
+    """Objects that reach above this slope (height over distance) from the cell stay geometry."""
+    visibility: str = "horizon"
+    weights: str = "same-ray"
+    """``same-ray`` keeps the threshold (:mod:`mmi.parallax.ray_weights`); the others are the paper's
+    (:mod:`mmi.parallax.paper_weights`).
+    """
+    layering: str = "best"
+    """How objects are divided into layers; ``single`` puts all into one and keeps no bound (:mod:`mmi.planning.layering`)."""
+    landmarks: tuple[tuple[str, float], ...] = ()
+    """(object id, factor): weights of this object's pairs are multiplied by the factor (paper section 4.2)."""
+    max_layers: int | None = None
+    """Budgets of a cell (:mod:`mmi.building.halving`): a cell that exceeds one is cut in halves."""
+    max_triangles: int | None = None
+    """Of near objects and layers together."""
+    max_bytes: int | None = None
+    """Of its two files."""
+    sectors: int = 6
+    quad: int = 16
+    """Texels: pictures of layers are cut to whole squares of this side."""
+    supersample: int = 1
+    texture_quality: int = 75
+    """Of the stored pictures of layers, as WebP counts it; 100 is lossless. Coverage always is."""
+    cell_length: float = 40.0
+    eye: tuple[float, float] = (1.5, 1.9)
+
+    def __post_init__(self) -> None:
+        def expect(holds: bool, name: str, expected: str) -> None:
+            if not holds:
+                raise ParameterError(f"{name}: {expected} expected, found {getattr(self, name)!r}")
+
+        expect(
+            max(self.camera.width, self.camera.height) <= _MOST_PIXELS and self.camera.focal <= _MOST_PIXELS,
+            "camera",
+            f"at most {_MOST_PIXELS} pixels a side and a focal length of at most {_MOST_PIXELS} pixels",
+        )
+        largest = 0.5 * min(self.camera.width, self.camera.height)
+        expect(0.0 < self.max_error_px <= largest, "max_error_px", f"a number of pixels above 0 and up to {largest:g}")
+        expect(0.0 < self.near_distance < math.inf, "near_distance", "a positive length in metres")
+        expect(self.near_triangles is None or self.near_triangles >= 0, "near_triangles", "a number of 0 or more")
+        longest = self.longest_object
+        expect(longest is None or 10.0 <= longest < math.inf, "longest_object", "10 metres or more, or none,")
+        for name in ("max_layers", "max_triangles", "max_bytes"):
+            expect(getattr(self, name) is None or getattr(self, name) >= 1, name, "a number of 1 or more")
+        expect(0.1 <= self.steepest <= 10.0, "steepest", "a slope from 0.1 to 10")
+        expect(self.visibility in VISIBILITIES, "visibility", " or ".join(VISIBILITIES))
+        expect(self.weights in WEIGHTS, "weights", " or ".join(WEIGHTS))
+        expect(self.layering in LAYERINGS, "layering", " or ".join(LAYERINGS))
+        expect(4 <= self.sectors <= 36, "sectors", "4 to 36 sectors")
+        expect(8 <= self.quad <= 128 and self.quad % 8 == 0, "quad", "a multiple of 8 from 8 to 128")
+        expect(self.supersample in (1, 3, 5), "supersample", "1, 3 or 5")
+        expect(1 <= self.texture_quality <= 100, "texture_quality", "a quality from 1 to 100")
+        expect(5.0 <= self.cell_length <= 500.0, "cell_length", "5 to 500 metres")
+        expect(0.0 < self.eye[0] <= self.eye[1] < 100.0, "eye", "heights above the ground, low and high, in metres")
+        if len({name for name, _ in self.landmarks}) < len(self.landmarks):
+            raise ParameterError(f"landmark: one factor for each object expected, found {self.landmarks!r}")
+        for name, factor in self.landmarks:
+            if not name:
+                raise ParameterError(f"landmark: an object's id expected, found none (factor {factor!r})")
+            if not (factor >= 1.0 and math.isfinite(factor)):
+                raise ParameterError(f"landmark {name}: a factor of 1 or more expected, found {factor!r}")
+
+    @property
+    def max_angle(self) -> float:
+        """The threshold T in radians."""
+        return self.camera.angle_from_pixels(self.max_error_px)
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the weights bound what layers get wrong, and layers keep to them."""
+        return self.weights == "same-ray" and self.layering != "single"
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: plain values in the same units."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> BuildParameters:
+        """The inverse of :meth:`as_dict`, after a trip through JSON too.
+
+        Raises ParameterError where a name is missing or unknown, or a value is not what it should be.
+        """
+        names = {one.name for one in fields(cls)}
+        if not isinstance(values, Mapping) or set(values) != names:
+            found = sorted(values) if isinstance(values, Mapping) else repr(values)
+            raise ParameterError(f"parameters {sorted(names)} expected, found {found}")
+        try:
+            low, high = values["eye"]
+            camera = Camera(**values["camera"])
+            landmarks = tuple((str(name), float(factor)) for name, factor in values["landmarks"])
+            made = cls(**{**values, "camera": camera, "landmarks": landmarks, "eye": (low, high)})
+        except (TypeError, ValueError) as error:
+            raise ParameterError(f"parameters as stored by build-impostors expected, found others ({error})") from error
+        for name, count in (
+            ("width", camera.width),
+            ("height", camera.height),
+            ("near_triangles", made.near_triangles or 0),
+            ("max_layers", made.max_layers or 0),
+            ("max_triangles", made.max_triangles or 0),
+            ("max_bytes", made.max_bytes or 0),
+            ("sectors", made.sectors),
+            ("quad", made.quad),
+            ("supersample", made.supersample),
+            ("texture_quality", made.texture_quality),
+        ):
+            if type(count) is not int:
+                raise ParameterError(f"{name}: a whole number expected, found {count!r}")
+        return made

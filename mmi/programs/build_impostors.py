@@ -1,0 +1,378 @@
+"""The program ``build-impostors``: options in, one line for every mistake, exit status 0, 2 or 130."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from mmi.foundation.camera import Camera
+from mmi.foundation.errors import ParameterError
+from mmi.planning.parameters import LAYERINGS, VISIBILITIES, WEIGHTS, BuildParameters
+from mmi.programs.command_line import (
+    Parser,
+    ProgressBar,
+    names_option,
+    numbers_option,
+    path_option,
+    run_program,
+    size_option,
+)
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from mmi.building.dataset import BuildSummary
+    from mmi.cells.viewing_cells import CellReport
+    from mmi.reading.read_city import CityReport
+
+__all__ = ["build_impostors"]
+
+_MOST_WORKERS = 64
+"""Or as many as there are cores; each holds the city, some hundred megabytes."""
+
+_EXAMPLE = """\
+examples:
+  build-impostors examples/helsinki/helsinki.osm.pbf -o out/helsinki --max-cells 24
+  build-impostors buildings.shp --streets roads.shp -o out/town --display 1920x1080 --max-error 5
+
+The same command resumes a build that was stopped, and after a change of the city rebuilds what the change touches.
+"""
+
+
+def build_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
+    """``build-impostors CITY -o OUT``: a dataset of multi-mesh impostors from a city."""
+    parser = _build_parser()
+    run_program(parser, arguments, _build, kept="what was finished is kept, the same command goes on from there")
+
+
+# ----------------------------------------------------------------------------------------------- build-impostors
+
+
+def _build_parser() -> Parser:
+    parser = Parser(
+        prog="build-impostors",
+        description="Turn a city into multi-mesh impostors: for each stretch of street, nearby buildings as geometry and "
+        "the rest as a few layers of textured depth meshes, in one folder.",
+        epilog=_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    default = BuildParameters()
+    parser.add_argument(
+        "city",
+        type=path_option,
+        metavar="CITY",
+        help="OpenStreetMap .osm or .osm.pbf, footprints in a format that GDAL reads, or a 3D model: CityJSON, CityGML, glTF, "
+        "OBJ",
+    )
+    parser.add_argument("-o", "--output", type=path_option, required=True, metavar="OUT", help="folder of the dataset")
+
+    city = parser.add_argument_group("the city")
+    city.add_argument("--streets", type=path_option, metavar="FILE", help="streets, where CITY holds only buildings")
+    city.add_argument(
+        "--terrain", type=path_option, metavar="FILE", help="heights of the ground: raster, points, contours"
+    )
+    city.add_argument(
+        "--lod", metavar="N", help="level of detail of a 3D model (default: the highest of each building)"
+    )
+    city.add_argument(
+        "--up", choices=("auto", "y", "z"), default="auto", help="axis of a mesh that points up (default: auto)"
+    )
+    city.add_argument(
+        "--crs", metavar="CRS", help="coordinate system, where a file declares none or a wrong one (EPSG:32632)"
+    )
+    city.add_argument(
+        "--network", choices=("drive", "walk", "all"), default="drive", help="which streets (default: drive)"
+    )
+    city.add_argument(
+        "--objects",
+        choices=("buildings", "blocks"),
+        default="buildings",
+        help="what layers are made of (default: buildings)",
+    )
+    city.add_argument("--clip", type=_box, metavar="W,S,E,N", help="only what lies in this box, degrees")
+    city.add_argument("--height-column", metavar="NAME", help="column of heights in metres (default: guessed)")
+    city.add_argument("--levels-column", metavar="NAME", help="column of numbers of storeys (default: guessed)")
+    city.add_argument("--id-column", metavar="NAME", help="column of object ids (default: guessed)")
+    city.add_argument("--buildings-layer", metavar="NAME", help="layer of CITY with the buildings (default: guessed)")
+    city.add_argument("--streets-layer", metavar="NAME", help="layer with the streets (default: guessed)")
+
+    quality = parser.add_argument_group("the error, and the display that it refers to")
+    quality.add_argument(
+        "--max-error", type=float, default=default.max_error_px, metavar="PX", help="pixels (default: %(default)g)"
+    )
+    quality.add_argument(
+        "--display", type=size_option, default=(512, 512), metavar="WxH", help="pixels (default: 512x512)"
+    )
+    quality.add_argument("--fov", type=float, default=60.0, metavar="DEG", help="across the display (default: 60)")
+
+    budget = parser.add_argument_group(
+        "budgets of a cell",
+        "A cell that exceeds one is cut in halves, down to 5 m: shorter cells need less for the same error.",
+    )
+    budget.add_argument("--max-layers", type=int, metavar="N")
+    budget.add_argument("--max-triangles", type=int, metavar="N", help="of near objects and layers together")
+    budget.add_argument("--max-bytes", type=int, metavar="N", help="of its files")
+
+    method = parser.add_argument_group("how")
+    method.add_argument("--visibility", choices=VISIBILITIES, default=default.visibility, help="default: %(default)s")
+    method.add_argument("--weights", choices=WEIGHTS, default=default.weights, help="default: %(default)s")
+    method.add_argument(
+        "--layering",
+        choices=LAYERINGS,
+        default=default.layering,
+        help="single: one layer for all, which keeps no bound on the error (default: %(default)s)",
+    )
+    method.add_argument(
+        "--longest-object",
+        type=float,
+        metavar="M",
+        help="cut longer objects by vertical planes, so that what is far of them can be far; 0 cuts none (default: "
+        f"{default.longest_object:g}, 0 with --objects blocks)",
+    )
+    near = method.add_mutually_exclusive_group()
+    near.add_argument(
+        "--near-distance",
+        type=float,
+        default=default.near_distance,
+        metavar="M",
+        help="objects nearer than this stay geometry (default: %(default)g)",
+    )
+    near.add_argument("--near-triangles", type=int, metavar="N", help="or: the nearest, up to so many triangles")
+    method.add_argument(
+        "--landmark",
+        type=_landmark,
+        action="append",
+        default=[],
+        metavar="ID=FACTOR",
+        help="multiply the weights of this object (again for more)",
+    )
+    method.add_argument(
+        "--cell-length",
+        type=float,
+        default=default.cell_length,
+        metavar="M",
+        help="longest cell (default: %(default)g)",
+    )
+    method.add_argument(
+        "--eye", type=_band, default=default.eye, metavar="LOW,HIGH", help="eye heights, metres (default: 1.5,1.9)"
+    )
+    method.add_argument(
+        "--sectors", type=int, default=default.sectors, metavar="N", help="views around (default: %(default)s)"
+    )
+    method.add_argument(
+        "--quad",
+        type=int,
+        default=default.quad,
+        metavar="TEXELS",
+        help="pictures are cut to whole squares of this side (default: %(default)s)",
+    )
+    method.add_argument(
+        "--texture-quality",
+        type=int,
+        default=default.texture_quality,
+        metavar="Q",
+        help="of stored pictures, 1 to 100: WebP, 100 is lossless (default: %(default)s)",
+    )
+    method.add_argument(
+        "--supersample",
+        type=int,
+        default=default.supersample,
+        metavar="N",
+        help="1, 3 or 5 colour samples a side (default: 1)",
+    )
+
+    work = parser.add_argument_group("the work")
+    some = work.add_mutually_exclusive_group()
+    some.add_argument("--cells", type=names_option, metavar="IDS", help="only these cells (0017-00,0017-01)")
+    some.add_argument("--max-cells", type=int, metavar="N", help="N cells spread over the city, for a first look")
+    work.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    work.add_argument(
+        "--json", action="store_true", help="the report as JSON on standard output, and nothing else there"
+    )
+    work.add_argument("--quiet", action="store_true", help="no progress, no tables")
+    return parser
+
+
+def _build(options: argparse.Namespace) -> None:
+    parameters = _parameters(options)
+    cores = len(os.sched_getaffinity(0))
+    workers = options.workers if options.workers is not None else cores
+    if not 1 <= workers <= max(_MOST_WORKERS, cores):
+        raise ParameterError(f"--workers: 1 to {max(_MOST_WORKERS, cores)} processes expected, found {workers}")
+    if options.max_cells is not None and options.max_cells < 1:
+        raise ParameterError(f"--max-cells: a number of at least 1 expected, found {options.max_cells}")
+
+    from rich.console import Console
+
+    from mmi.building.dataset import build_dataset, cells_to_build
+    from mmi.dataset.folder import make_folder
+    from mmi.reading.read_city import read_city
+
+    talk = Console(stderr=options.json, quiet=options.quiet, highlight=False)
+    city, report = read_city(
+        options.city,
+        streets=options.streets,
+        crs=options.crs,
+        network=options.network,
+        objects=options.objects,
+        clip=options.clip,
+        height_column=options.height_column,
+        levels_column=options.levels_column,
+        id_column=options.id_column,
+        buildings_layer=options.buildings_layer,
+        streets_layer=options.streets_layer,
+        terrain=options.terrain,
+        lod=options.lod,
+        up=options.up,
+    )
+    # Whoever mistypes an option gets one line, not a table before it.
+    graph, _ = cells_to_build(city, parameters, cells=options.cells, max_cells=options.max_cells)
+    make_folder(options.output)
+    with suppress(SystemExit):  # rich leaves when nobody reads its output any more (| head): the build goes on
+        _print_report(talk, report)
+        _print_cells(talk, graph.graph["report"])
+    with ProgressBar("cells", quiet=options.quiet) as advance:
+        summary = build_dataset(
+            city,
+            options.output,
+            parameters,
+            cells=options.cells,
+            max_cells=options.max_cells,
+            workers=workers,
+            progress=advance,
+        )
+    with suppress(SystemExit):
+        _print_summary(talk, summary, options.output, parameters)
+    if options.json:
+        print(json.dumps({"city": report.as_dict(), "build": _plain(summary)}, indent=1))
+
+
+def _parameters(options: argparse.Namespace) -> BuildParameters:
+    """The options as parameters; what is wrong with one is said by its option's name."""
+    width, height = options.display
+    try:
+        return BuildParameters(
+            max_error_px=options.max_error,
+            camera=Camera(width, height, math.radians(options.fov)),
+            near_distance=options.near_distance,
+            near_triangles=options.near_triangles,
+            longest_object=_longest(options),
+            visibility=options.visibility,
+            weights=options.weights,
+            layering=options.layering,
+            landmarks=tuple(sorted(options.landmark)),
+            max_layers=options.max_layers,
+            max_triangles=options.max_triangles,
+            max_bytes=options.max_bytes,
+            sectors=options.sectors,
+            quad=options.quad,
+            supersample=options.supersample,
+            texture_quality=options.texture_quality,
+            cell_length=options.cell_length,
+            eye=options.eye,
+        )
+    except ParameterError as error:
+        name, colon, rest = str(error).partition(":")
+        if name in BuildParameters.__slots__:
+            name = {"max_error_px": "--max-error", "camera": "--display, --fov"}.get(
+                name, f"--{name.replace('_', '-')}"
+            )
+        raise ParameterError(f"{name}{colon}{rest}") from None
+
+
+def _longest(options: argparse.Namespace) -> float | None:
+    if options.longest_object is None:
+        return None if options.objects == "blocks" else BuildParameters().longest_object
+    return options.longest_object or None
+
+
+def _print_report(talk: Console, report: CityReport) -> None:
+    from rich.table import Table
+
+    table = Table(title=f"{report.source}, {report.crs}", title_justify="left", box=None, pad_edge=False)
+    for heading in ("", "what", "count", ""):
+        table.add_column(heading, justify="right" if heading == "count" else "left", overflow="fold")
+    last = ""
+    for section, what, count, detail in report.rows():
+        if section != "warning":
+            table.add_row("" if section == last else section, what, count, detail)
+        last = section
+    talk.print(table)
+    for warning in report.warnings:
+        talk.print(f"warning: {warning}", soft_wrap=True)
+
+
+def _print_cells(talk: Console, cells: CellReport) -> None:
+    """One line: what became of the streets."""
+    text = f"{cells.cells} viewing cells on {cells.street_length / 1000.0:.1f} km of streets"
+    if cells.narrowed_cells:
+        text += f", {cells.narrowed_cells} narrower than their street, to keep clear of buildings"
+    if cells.cut_pieces:
+        text += f"; {cells.cut_length:.0f} m in {cells.cut_pieces} places have no room for a cell"
+    if cells.degenerate_streets:
+        text += f"; {cells.degenerate_streets} streets without length left out"
+    talk.print(text, soft_wrap=True)
+
+
+_MOST_CELLS = 5
+"""Cells over budget that are named one by one."""
+
+
+def _print_summary(talk: Console, summary: BuildSummary, out: Path, parameters: BuildParameters) -> None:
+    if summary.parts:
+        talk.print(f"{summary.parts} parts of objects longer than {parameters.longest_object:g} m")
+    made = [f"{summary.built} cells built"]
+    if summary.complete:
+        made.append(f"{summary.complete} were complete")
+    if summary.unchanged:
+        made.append(f"{summary.unchanged} see nothing that has changed")
+    talk.print(f"{', '.join(made)}, in {summary.seconds:.1f} s with {summary.workers} worker(s)", end="")
+    if summary.built:
+        talk.print(f" ({summary.built / summary.seconds:.1f} cells/s)", end="")
+    talk.print(f"; peak memory {summary.peak_memory_bytes / 1e6:.0f} MB")
+    talk.print(f"{out}: {summary.cells} cells, {summary.bytes / 1e6:.1f} MB", soft_wrap=True)
+    if summary.cut:
+        talk.print(f"{summary.cut} cells cut in halves to keep the budgets")
+    for cell, costs in list(summary.over_budget.items())[:_MOST_CELLS]:
+        text = ", ".join(f"{cost} {name} of {limit}" for name, (cost, limit) in costs.items())
+        talk.print(f"cell {cell} exceeds its budget: {text}", soft_wrap=True)
+    if summary.over_budget:
+        talk.print(
+            f"{len(summary.over_budget)} cells are too short to be cut further: what can give is --max-error, the budget, or "
+            "--display; --objects, --near-distance and --texture-quality decide what a cell costs, too",
+            soft_wrap=True,
+        )
+
+
+def _plain(summary: BuildSummary) -> dict[str, Any]:
+    return {name: getattr(summary, name) for name in summary.__slots__}
+
+
+# ------------------------------------------------------------------------------------------------ inspect-layers
+
+
+# ------------------------------------------------------------------------------------------------- option values
+
+
+def _box(text: str) -> tuple[float, ...]:
+    return tuple(numbers_option(text, 4, "west,south,east,north in degrees"))
+
+
+def _band(text: str) -> tuple[float, ...]:
+    return tuple(numbers_option(text, 2, "lowest,highest eye height in metres"))
+
+
+def _landmark(text: str) -> tuple[str, float]:
+    name, _, factor = text.rpartition("=")
+    try:
+        if name:
+            return name, float(factor)
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"ID=FACTOR expected, such as way/123=4, found {text!r}")

@@ -1,0 +1,108 @@
+"""What the project's programs have in common: one line for every mistake, exit status 0, 2 or 130, progress, option values."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from mmi.foundation.errors import MmiError
+
+__all__ = ["Parser", "ProgressBar", "names_option", "numbers_option", "path_option", "run_program", "size_option"]
+
+
+class Parser(argparse.ArgumentParser):
+    """One line for a wrong command line, like for every other mistake."""
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with status 2."""
+        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+
+def run_program(
+    parser: Parser, arguments: Sequence[str] | None, program: Callable[[argparse.Namespace], None], *, kept: str
+) -> NoReturn:
+    """Parse, run, and turn every expected failure into one line and an exit status; ``kept`` is what Ctrl-C leaves behind."""
+    options = parser.parse_args(arguments)
+    try:
+        program(options)
+        sys.stdout.flush()
+    except MmiError as error:
+        parser.exit(2, f"{parser.prog}: error: {' '.join(str(error).split())}\n")
+    except KeyboardInterrupt:
+        parser.exit(130, f"{parser.prog}: interrupted; {kept}\n")
+    except BrokenPipeError:  # whoever read our output has left: say nothing more, to nobody
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        parser.exit(2, f"{parser.prog}: error: {where}{error.strerror or error}\n")
+    sys.exit(0)
+
+
+class ProgressBar:
+    """A progress bar on standard error, as a context manager that yields what to call: done, total, and what was done.
+
+    ``things`` is what is counted.
+    """
+
+    def __init__(self, things: str, *, quiet: bool = False) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        self._bar = Progress(
+            TextColumn(things),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            TextColumn("{task.description}"),
+            console=Console(stderr=True),
+            disable=quiet or not sys.stderr.isatty(),
+            transient=True,
+        )
+        self._task = self._bar.add_task("preparing", total=None)
+
+    def __enter__(self) -> Callable[[int, int, str], None]:
+        self._bar.start()
+        return lambda done, total, name: self._bar.update(self._task, completed=done, total=total, description=name)
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+
+def size_option(text: str) -> tuple[int, int]:
+    """``1920x1080`` -> (1920, 1080)."""
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError(f"WIDTHxHEIGHT in pixels expected, such as 1920x1080, found {text!r}")
+    return int(width), int(height)
+
+
+def numbers_option(text: str, count: int, expected: str) -> list[float]:
+    """``count`` finite numbers with commas between; ``expected`` says which, for the message."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(map(math.isfinite, values)):
+        raise argparse.ArgumentTypeError(f"{expected} expected, found {text!r}")
+    return values
+
+
+def names_option(text: str) -> list[str]:
+    """Names with commas between."""
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise argparse.ArgumentTypeError(f"names with commas between expected, found {text!r}")
+    return names
+
+
+def path_option(text: str) -> Path:
+    """A path that is not empty."""
+    if not text:
+        raise argparse.ArgumentTypeError("a path expected, found nothing")
+    return Path(text)

@@ -1,0 +1,153 @@
+"""The ground of a city: from a file, from a model's surfaces, or from where the buildings stand; and buildings set on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyproj
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mmi.city.model import CityObject, Prism, TriangleMesh
+from mmi.city.terrain import Terrain
+from mmi.foundation.errors import CityError
+from mmi.reading.frame import Box, Frame, points_to_frame
+from mmi.reading.ground.relief import choose_spacing, read_relief_points, terrain_from_points, terrain_from_triangles
+from mmi.reading.report import Ledger
+
+__all__ = ["Ground", "ground_of_buildings", "ground_of_file", "ground_of_model", "raised", "settled"]
+
+Ground = Terrain | float
+"""A terrain, or the height of flat ground."""
+
+_AROUND = 30.0
+"""Metres of terrain around the city."""
+_FLAT = 1.0
+"""Metres: where feet differ less, the ground is flat."""
+_NEAR, _STEEPEST = 60.0, 0.25
+"""Metres around a building within which others tell whether it hangs, and the slope of the ground that is believed."""
+_DEEPEST = 6.0
+"""Metres that a building is let down to the ground at most; what stands higher hangs in the air on purpose."""
+
+
+def ground_of_file(path: Path, frame: Frame, bounds: Box, ledger: Ledger) -> Terrain:
+    """Ground from a raster, or points or contour lines with heights.
+
+    Raises:
+        CityError: the file has none, or lies elsewhere.
+    """
+    points, crs = read_relief_points(path, ledger)
+    if frame.crs == "local":
+        crs = None
+    elif crs is None:
+        crs = pyproj.CRS.from_user_input(frame.crs)
+        ledger.warn(f"{path.name}: declares no CRS, taken as the city's {frame.crs}")
+    moved = points_to_frame(points, crs, frame)
+    x0, y0, x1, y1 = bounds
+    inside = (moved[:, 0] > x0) & (moved[:, 0] < x1) & (moved[:, 1] > y0) & (moved[:, 1] < y1)
+    if np.count_nonzero(inside) < 3:
+        raise CityError(
+            f"{path}: heights of the ground within the city expected, found {np.count_nonzero(inside)} points there"
+        )
+    wide = _wide(bounds)
+    terrain, dropped = terrain_from_points(moved, bounds=wide, spacing=choose_spacing(wide))
+    ledger.note("read", "points of the ground", count=len(points))
+    if dropped:
+        ledger.note("left out", "point of the ground: a spike", count=dropped)
+    return terrain
+
+
+def ground_of_model(
+    mesh: TriangleMesh, move: Callable[[NDArray[np.float64]], NDArray[np.float64]], bounds: Box, ledger: Ledger
+) -> Terrain:
+    """Ground from a model's triangles, or loose points."""
+    vertices, wide = move(mesh.vertices), _wide(bounds)
+    spacing = choose_spacing(wide)
+    if len(mesh.triangles):
+        ledger.note("read", "triangles of the ground", count=len(mesh.triangles))
+        return terrain_from_triangles(vertices, mesh.triangles, bounds=wide, spacing=spacing)
+    ledger.note("read", "points of the ground", count=len(vertices))
+    return terrain_from_points(vertices, bounds=wide, spacing=spacing)[0]
+
+
+def ground_of_buildings(objects: Sequence[CityObject], bounds: Box, ledger: Ledger) -> Ground:
+    """Ground at the feet of the buildings: flat where they differ little."""
+    standing = _standing(objects)
+    objects = [one for one, stands in zip(objects, standing, strict=True) if stands]
+    rings, of = shapely.get_coordinates([one.footprint for one in objects], return_index=True)
+    feet = np.array([one.base for one in objects])
+    low, high = np.quantile(feet, [0.05, 0.95])
+    if high - low <= _FLAT:
+        return float(np.median(feet))
+    wide = _wide(bounds)
+    ledger.note("inferred", "ground from the feet of the buildings", count=len(objects))
+    points = np.column_stack([rings, feet[of]])
+    return terrain_from_points(points, bounds=wide, spacing=choose_spacing(wide))[0]
+
+
+def _standing(objects: Sequence[CityObject]) -> NDArray[np.bool_]:
+    """(n,) which objects stand on the ground, by their neighbours: what hangs is above a slope up from a lower foot."""
+    xy = shapely.get_coordinates(shapely.centroid([one.footprint for one in objects]))
+    feet = np.array([one.base for one in objects])
+    tree = cKDTree(xy)
+    away, near = tree.query(xy, k=min(16, len(objects)), distance_upper_bound=_NEAR)
+    away, near = away.reshape(len(xy), -1), near.reshape(len(xy), -1)
+    limit = np.append(feet, np.inf)[near] + _STEEPEST * np.where(np.isfinite(away), away, 0.0) + _FLAT
+    return np.asarray(feet <= limit.min(axis=1))
+
+
+def settled(objects: Sequence[CityObject], ground: Ground, ledger: Ledger) -> tuple[CityObject, ...]:
+    """Objects let down to the ground: what of a foot is above it, where it slopes or the model is coarse, goes on below."""
+    result = []
+    for one in objects:
+        lowest = _under(one, ground)[0]
+        gap = one.base - lowest
+        if not 0.0 < gap <= _DEEPEST:
+            result.append(one)
+            continue
+        if gap > 0.05:
+            ledger.note("repaired", "building: let down to the ground", one.id)
+        foot = one.base + 0.05
+        mesh = one.mesh
+        if mesh is not None:
+            vertices = mesh.vertices.copy()
+            vertices[vertices[:, 2] <= foot, 2] = lowest
+            mesh = TriangleMesh(vertices, mesh.triangles, mesh.textures, mesh.colors, mesh.uv)
+        core = None if one.core is None else _lowered(one.core, foot, lowest)
+        result.append(CityObject(one.id, _lowered(one.prisms, foot, lowest), mesh, core))
+    return tuple(result)
+
+
+def raised(objects: Sequence[CityObject], terrain: Terrain) -> tuple[CityObject, ...]:
+    """Prisms whose heights count from flat ground at 0, set on hills: heights count from the middle of the ground below."""
+    result = []
+    for one in objects:
+        lowest, middle = _under(one, terrain)
+        prisms = tuple(
+            replace(prism, bottom=min(lowest, middle + prism.bottom) if prism.bottom <= 0.0 else middle + prism.bottom,
+                    top=middle + prism.top)
+            for prism in one.prisms
+        )  # fmt: skip
+        result.append(CityObject(one.id, prisms, one.mesh, one.core))
+    return tuple(result)
+
+
+def _under(one: CityObject, ground: Ground) -> tuple[float, float]:
+    """Lowest and mean height of the ground at the corners of an outline."""
+    if not isinstance(ground, Terrain):
+        return ground, ground
+    heights = ground.at(shapely.get_coordinates(shapely.extract_unique_points(one.footprint)))
+    return float(heights.min()), float(heights.mean())
+
+
+def _lowered(prisms: tuple[Prism, ...], foot: float, lowest: float) -> tuple[Prism, ...]:
+    return tuple(replace(one, bottom=lowest) if one.bottom <= foot else one for one in prisms)
+
+
+def _wide(bounds: Box) -> Box:
+    x0, y0, x1, y1 = bounds
+    return x0 - _AROUND, y0 - _AROUND, x1 + _AROUND, y1 + _AROUND

@@ -1,0 +1,303 @@
+"""Ground into a terrain: triangulated surfaces, rasters, loose points and contour lines, sampled on one square grid."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pyogrio
+import pyproj
+import rasterio
+import shapely
+from numpy.typing import ArrayLike, NDArray
+from rasterio.errors import RasterioError
+from scipy.ndimage import distance_transform_edt
+from scipy.spatial import Delaunay, QhullError, cKDTree
+
+from mmi.city.terrain import Terrain
+from mmi.foundation.errors import CityError
+from mmi.reading.frame import declared_crs
+from mmi.reading.report import Ledger
+
+__all__ = ["choose_spacing", "read_relief_points", "terrain_from_points", "terrain_from_triangles"]
+
+_MOST_SQUARES = 512
+_FINEST = 5.0
+"""Metres."""
+_MOST_CELLS = 2_000_000
+_MOST_POINTS = 200_000
+"""Points that are triangulated; of more, the mean around each point of the grid."""
+_MOST_CANDIDATES = 4_000_000
+_DEVIATIONS = 6.0
+_ROUGHNESS = 0.5
+"""Metres at least that one deviation stands for: on a plane the smallest error would be a spike."""
+_STEEPNESS = 0.25
+"""Of the distance to the neighbours: what rises less is a hill."""
+_NEIGHBOURS = 8
+_RASTERS = frozenset({".tif", ".tiff", ".asc", ".img", ".dem", ".hgt", ".bil", ".flt", ".grd", ".xyz", ".jp2"})
+# Column names, lower-case letters only, likeliest first.
+_HEIGHTS = (
+    "height", "elevation", "elev", "altitude", "alt", "z", "ele", "hoehe", "hoogte", "hauteur", "altitud", "cota", "quota",
+    "contour", "zvalue", "level", "dem", "dgm",
+)  # fmt: skip
+
+
+def choose_spacing(bounds: tuple[float, float, float, float]) -> float:
+    """Metres between the lines of a grid over ``bounds``: at most 512 x 512 squares, and 5 m at the finest."""
+    x0, y0, x1, y1 = bounds
+    return max(_FINEST, max(x1 - x0, y1 - y0) / _MOST_SQUARES)
+
+
+def terrain_from_triangles(
+    vertices: ArrayLike, triangles: ArrayLike, *, bounds: tuple[float, float, float, float], spacing: float
+) -> Terrain:
+    """A triangulated surface, ``vertices`` (n, 3) and ``triangles`` (m, 3), over ``bounds`` in metres.
+
+    At each point of the grid the topmost triangle counts, interpolated; points without any take the height of the nearest.
+
+    Raises:
+        CityError: no triangle has an extent in plan, or none lies near ``bounds``.
+    """
+    points, corners = np.asarray(vertices, dtype=np.float64), np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
+    columns, rows = _grid_size(bounds, spacing)
+    if not len(corners):
+        raise CityError("the ground needs triangles, found none")
+    origin = (float(bounds[0]), float(bounds[1]))
+    place = (points[:, :2] - origin) / spacing
+    grid = _topmost(place, points[:, 2], corners, columns, rows)
+    missing = ~np.isfinite(grid)
+    if missing.all():
+        # Smaller than a square of the grid, or beside it: its corners are all there is.
+        used = np.unique(corners)
+        nodes = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1)
+        return Terrain(origin, spacing, points[used, 2][cKDTree(place[used]).query(nodes)[1]])
+    return Terrain(origin, spacing, _filled(grid, missing))
+
+
+def terrain_from_points(
+    points: ArrayLike, *, bounds: tuple[float, float, float, float], spacing: float
+) -> tuple[Terrain, int]:
+    """Loose points (n, 3) in metres as a terrain over ``bounds``, linear between them and level beyond; how many were spikes.
+
+    A spike differs from the median of its neighbours by more than six robust deviations, of all such differences and of its
+    neighbours' own, and more than hills rise from one point to the next; it is dropped.
+
+    Raises:
+        CityError: there is no point with finite coordinates.
+    """
+    found = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    found = found[np.isfinite(found).all(axis=1)]
+    if not len(found):
+        raise CityError("the ground needs points with heights, found none that are numbers")
+    columns, rows = _grid_size(bounds, spacing)
+    # What lies far outside has no say; the nearest ones have, where there are none inside.
+    x0, y0, x1, y1 = bounds
+    reach = 0.25 * max(x1 - x0, y1 - y0) + 10.0 * spacing
+    near = (
+        np.abs(found[:, :2] - (0.5 * (x0 + x1), 0.5 * (y0 + y1))) < (0.5 * (x1 - x0) + reach, 0.5 * (y1 - y0) + reach)
+    ).all(axis=1)
+    found = found[near] if near.sum() >= 3 else found
+    if len(found) > _MOST_POINTS:
+        return _binned(found, (float(x0), float(y0)), spacing, columns, rows)
+    middle = found[:, :2].mean(axis=0)
+    _, first = np.unique(np.round(found[:, :2] - middle, 3), axis=0, return_index=True)
+    place, z = found[first, :2] - middle, found[first, 2]
+    spikes = _spikes(place, z)
+    place, z = place[~spikes], z[~spikes]
+    origin = (float(x0), float(y0))
+    nodes = (place + middle - origin) / spacing
+    heights = np.full((rows, columns), -np.inf)
+    if len(place) >= 3:
+        with contextlib.suppress(QhullError):  # all on one line
+            heights = _topmost(nodes, z, Delaunay(place).simplices.astype(np.int64), columns, rows)
+    j, i = np.nonzero(~np.isfinite(heights))
+    heights[j, i] = z[cKDTree(nodes).query(np.column_stack([i, j]))[1]]
+    return Terrain(origin, spacing, heights), int(spikes.sum())
+
+
+def read_relief_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyproj.CRS | None]:
+    """Points (n, 3) of the ground in the file's coordinates, and its CRS (None: it declares none).
+
+    Rasters (GeoTIFF and what else GDAL reads) give the middles of their cells, at most about two million; points and
+    contour lines have a z or a column of heights.
+
+    Raises:
+        CityError: nothing with heights in it, or not readable.
+    """
+    if path.suffix.lower() in _RASTERS:
+        return _raster_points(path, ledger)
+    return _vector_points(path, ledger)
+
+
+def _grid_size(bounds: tuple[float, float, float, float], spacing: float) -> tuple[int, int]:
+    """Columns and rows of grid points that cover ``bounds``."""
+    x0, y0, x1, y1 = bounds
+    if not (x0 < x1 and y0 < y1 and spacing > 0.0 and np.isfinite([*bounds, spacing]).all()):
+        raise CityError(f"a terrain needs bounds with an extent and a positive spacing, found {bounds}, {spacing}")
+    return math.ceil((x1 - x0) / spacing - 1e-9) + 1, math.ceil((y1 - y0) / spacing - 1e-9) + 1
+
+
+def _topmost(
+    place: NDArray[np.float64], z: NDArray[np.float64], corners: NDArray[np.int64], columns: int, rows: int
+) -> NDArray[np.float64]:
+    """Heights (rows, columns) of the topmost triangles (m, 3) of points at ``place`` (n, 2: in squares) and ``z`` (n,).
+
+    -inf where there is none.
+    """
+    a, b, c = (place[corners[:, k]] for k in range(3))
+    first = np.ceil(np.minimum(np.minimum(a, b), c) - 1e-9)
+    last = np.floor(np.maximum(np.maximum(a, b), c) + 1e-9)
+    low = np.clip(first, 0, (columns, rows)).astype(np.int64)
+    size = np.maximum(np.clip(last, -1, (columns - 1, rows - 1)).astype(np.int64) - low + 1, 0)
+    area = _cross(b - a, c - a)
+    count = size.prod(axis=1) * (np.abs(area) > 1e-12)
+    heights = np.full(rows * columns, -np.inf)
+    # Candidates: the grid points in the triangles' boxes, some millions at a time.
+    ends = np.cumsum(count)
+    start = 0
+    while start < len(corners):
+        done = ends[start - 1] if start else 0
+        stop = max(int(np.searchsorted(ends, done + _MOST_CANDIDATES, side="right")), start + 1)
+        mine, start = np.arange(start, stop), stop
+        of = np.repeat(mine, count[mine])
+        k = np.arange(len(of)) - np.repeat(ends[mine] - count[mine] - done, count[mine])
+        if not len(of):
+            continue
+        i, j = low[of, 0] + k % size[of, 0], low[of, 1] + k // size[of, 0]
+        arm = np.column_stack([i, j]) - a[of]
+        weight_b = _cross(arm, c[of] - a[of]) / area[of]
+        weight_c = _cross(b[of] - a[of], arm) / area[of]
+        weight_a = 1.0 - weight_b - weight_c
+        inside = np.minimum(np.minimum(weight_a, weight_b), weight_c) >= -1e-9
+        own = z[corners[of]]
+        height = weight_a * own[:, 0] + weight_b * own[:, 1] + weight_c * own[:, 2]
+        np.maximum.at(heights, (j * columns + i)[inside], height[inside])
+    return heights.reshape(rows, columns)
+
+
+def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def _filled(grid: NDArray[np.float64], missing: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """The grid with the nearest height where one is missing."""
+    if not missing.any():
+        return grid
+    j, i = distance_transform_edt(missing, return_distances=False, return_indices=True)
+    return np.asarray(grid[j, i])
+
+
+def _binned(
+    points: NDArray[np.float64], origin: tuple[float, float], spacing: float, columns: int, rows: int
+) -> tuple[Terrain, int]:
+    """A terrain of many points: the mean around each grid point, less what the slope adds where they lie to one side."""
+    place = (points[:, :2] - origin) / spacing
+    if not ((place > -0.5) & (place < (columns - 0.5, rows - 0.5))).all(axis=1).any():
+        place = np.clip(place, 0.0, (columns - 1, rows - 1))
+    i, j = np.rint(place).astype(np.int64).T
+    inside = (i >= 0) & (i < columns) & (j >= 0) & (j < rows)
+    cell = (j * columns + i)[inside]
+    count = np.bincount(cell, minlength=rows * columns)
+    sums = [np.bincount(cell, weights=one[inside], minlength=rows * columns) for one in (points[:, 2], *place.T)]
+    z, u, v = (one / np.maximum(count, 1) for one in sums)
+    used = np.flatnonzero(count)
+    nodes = np.column_stack([used % columns, used // columns])
+    spikes = _spikes(np.asarray(spacing * nodes, dtype=np.float64), z[used])
+    missing = np.ones((rows, columns), dtype=bool)
+    missing.reshape(-1)[used[~spikes]] = False
+    grid = _filled(z.reshape(rows, columns), missing)
+    y, x = np.indices(grid.shape)
+    aside, along = u.reshape(grid.shape) - x, v.reshape(grid.shape) - y
+    at_nodes = grid
+    for _ in range(3):
+        down, right = np.gradient(at_nodes)
+        at_nodes = np.where(missing, grid, grid - right * aside - down * along)
+    return Terrain(origin, spacing, at_nodes), int(count[used[spikes]].sum())
+
+
+def _spikes(place: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which points (n, 2) with heights (n,) stick out from their neighbours."""
+    if len(z) < 2 * _NEIGHBOURS:
+        return np.zeros(len(z), dtype=bool)
+    distance, near = cKDTree(place).query(place, k=_NEIGHBOURS + 1)
+    distance, near = np.median(distance[:, 1:], axis=1), near[:, 1:]
+    # Opposite neighbours balance a slope; the median ignores one neighbour that is a spike itself.
+    difference = z - np.median(z[near], axis=1)
+    slope = np.median(np.abs(z[near] - np.median(z[near], axis=1)[:, None]), axis=1)
+    deviation = 1.4826 * np.median(np.abs(difference))
+    usual = _DEVIATIONS * np.maximum(np.maximum(deviation, 1.4826 * slope), _ROUGHNESS)
+    return np.asarray(np.abs(difference) > np.maximum(usual, _STEEPNESS * distance))
+
+
+def _raster_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyproj.CRS | None]:
+    """Middles of cells with their values; decimated where there are many, cells without data left out."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with rasterio.open(path) as raster:
+                step = max(1, math.ceil(math.sqrt(raster.width * raster.height / _MOST_CELLS)))
+                rows, columns = math.ceil(raster.height / step), math.ceil(raster.width / step)
+                band = raster.read(1, out_shape=(rows, columns), masked=True)
+                j, i = np.nonzero(~np.ma.getmaskarray(band) & np.isfinite(np.ma.getdata(band).astype(np.float64)))
+                u, v = (i + 0.5) * raster.width / columns, (j + 0.5) * raster.height / rows
+                t = raster.transform
+                x, y = t.a * u + t.b * v + t.c, t.d * u + t.e * v + t.f
+                crs = declared_crs(path, None if raster.crs is None else raster.crs.to_wkt())
+    except (RasterioError, ValueError, OSError) as error:
+        raise CityError(f"{path}: expected a raster of heights that GDAL reads (GeoTIFF); found: {error}") from error
+    if not len(i):
+        raise CityError(f"{path}: expected a raster of heights, found no cell with data")
+    if step > 1:
+        ledger.note("noted", f"raster of the ground: one cell in {step} each way is used", path.name)
+    ledger.note("left out", "cell of the ground: no data", path.name, count=rows * columns - len(i))
+    return np.column_stack([x, y, np.ma.getdata(band)[j, i].astype(np.float64)]), crs
+
+
+def _vector_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyproj.CRS | None]:
+    """Corners of points and lines, heights from a column or from z."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            meta, _, wkb, data = pyogrio.raw.read(path)
+    except (
+        pyogrio.errors.DataSourceError,
+        pyogrio.errors.DataLayerError,
+        pyogrio.errors.FeatureError,
+        ValueError,
+    ) as error:
+        reason = str(error).split(";")[0]
+        raise CityError(
+            f"{path}: expected a raster ({', '.join(sorted(_RASTERS))}), or points or contour lines with heights that GDAL "
+            f"reads; found: {reason}"
+        ) from error
+    shapes = shapely.from_wkb(wkb, on_invalid="ignore") if wkb is not None else np.empty(0, dtype=object)
+    xyz, of = shapely.get_coordinates(shapes, include_z=True, return_index=True)
+    if not len(xyz):
+        raise CityError(f"{path}: expected points or contour lines with heights, found no geometry")
+    columns = dict(zip((str(name) for name in meta["fields"]), data, strict=True))
+    column = _height_column(columns)
+    has_z = np.isfinite(xyz[:, 2]) & (xyz[:, 2] != 0.0)
+    if column is not None and not (has_z.any() and np.isfinite(xyz[:, 2]).all()):
+        xyz[:, 2] = np.asarray(columns[column], dtype=np.float64)[of]
+        ledger.note("noted", f"heights of the ground: column {column}")
+    sound = np.isfinite(xyz).all(axis=1)
+    if not sound.any():
+        names = ", ".join(columns) or "none"
+        raise CityError(
+            f"{path}: expected a z or a column of heights (height, elevation, z, ...); found columns {names}"
+        )
+    ledger.note("left out", "point of the ground: no height", path.name, count=int((~sound).sum()))
+    return xyz[sound], declared_crs(path, meta["crs"])
+
+
+def _height_column(columns: dict[str, NDArray[np.generic]]) -> str | None:
+    """The column of numbers that is called like heights, likeliest name first."""
+    for wanted in _HEIGHTS:
+        for name, values in columns.items():
+            if re.sub(r"[^a-z]", "", name.lower()) == wanted and np.asarray(values).dtype.kind in "iuf":
+                return name
+    return None

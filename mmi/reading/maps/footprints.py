@@ -1,0 +1,388 @@
+"""Footprints and streets in what GDAL reads: GeoJSON, GeoPackage, Shapefile, and whatever else it knows.
+
+Which layer holds the buildings and which the streets follows from geometry, name and columns; where several would do, the
+reader refuses and names them. Columns become OpenStreetMap tags by a list of usual names.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from os import SEEK_END
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pyogrio
+import pyproj
+import shapely
+from numpy.typing import NDArray
+from pyogrio.errors import DataSourceError
+from shapely.geometry import LineString
+from shapely.geometry.base import BaseGeometry
+
+from mmi.foundation.errors import CityError
+from mmi.reading.frame import declared_crs
+from mmi.reading.raw_layers import BuildingLayer, RawBuilding, RawStreet, StreetLayer, with_unique_ids
+from mmi.reading.report import Ledger
+
+__all__ = ["GDAL_SUFFIXES", "guess_column", "read_footprints", "read_street_lines"]
+
+GDAL_SUFFIXES = (".fgb", ".geojson", ".gpkg", ".json", ".shp")
+"""What is looked for in a folder."""
+_MESH_SUFFIXES = (".3ds", ".dae", ".fbx", ".obj", ".ply", ".stl")
+
+# Compared without case and punctuation; first come, first taken.
+_HEIGHT = (
+    "height", "heightm", "hauteur", "heightag", "buildingheight", "bldgheight", "hoehe", "höhe", "gebhoehe", "altura",
+    "altezza", "hoogte", "relh2", "measuredheight", "estheight",
+)  # fmt: skip
+_LEVELS = (
+    "buildinglevels", "levels", "floors", "floorsag", "numfloors", "nfloors", "storeys", "stories", "nbetages", "etages",
+    "geschosse", "pisos", "plantas",
+)  # fmt: skip
+_BUILDING_COLUMNS = MappingProxyType(
+    {
+        "min_height": ("minheight", "minheightm", "buildingminheight"),
+        "building:min_level": ("buildingminlevel", "minlevel"),
+        "building:part": ("buildingpart",),
+        "building": ("building",),
+        "layer": ("layer",),
+        "location": ("location",),
+    }
+)
+_STREET_COLUMNS = MappingProxyType(
+    {
+        "highway": ("highway", "fclass", "roadclass", "roadtype", "nature", "class", "type", "kind"),
+        "name": ("name", "nom", "street", "streetname", "strname", "nomvoie"),
+        "width": ("width", "largeur", "breite"),
+        "lanes": ("lanes", "nbvoies", "numlanes"),
+        "tunnel": ("tunnel",),
+        "bridge": ("bridge",),
+        "layer": ("layer",),
+        "covered": ("covered",),
+        "indoor": ("indoor",),
+        "access": ("access",),
+        "foot": ("foot",),
+        "motor_vehicle": ("motorvehicle",),
+        "footway": ("footway",),
+        "area": ("area",),
+    }
+)
+_IDS = ("id", "osmid", "idway", "osmway", "buildingid", "bldgid", "gmlid", "cleabs", "objectid", "uid", "gid", "pk")
+_BUILDING_WORDS = ("build", "bldg", "footprint", "bati", "gebaeude", "gebäude", "edific", "house", "pand")
+_STREET_WORDS = ("street", "road", "highway", "route", "rue", "strasse", "straße", "via", "calle", "troncon", "network")
+# pyogrio lets some of Python's own through; NameError when a .prj is no text.
+_GDAL_ERRORS = (DataSourceError, RuntimeError, ValueError, NameError)
+_OTHER_FORMATS = MappingProxyType(
+    {
+        b'"CityJSON': "CityJSON",
+        b'"CityObjects"': "CityJSON",
+        b"CityModel": "CityGML",
+        b"glTF": "glTF",
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Layer:
+    """A layer that may be of use: ``kind`` is polygon, line or any."""
+
+    file: Path
+    name: str
+    kind: str
+    columns: tuple[str, ...]
+
+
+def read_footprints(
+    path: Path,
+    ledger: Ledger,
+    *,
+    layer: str | None,
+    height_column: str | None,
+    levels_column: str | None,
+    id_column: str | None,
+) -> BuildingLayer:
+    """Buildings of the file or folder ``path``. ``layer`` names the layer (several: comma-separated), else it is guessed.
+
+    Raises:
+        CityError: nothing GDAL reads, no or several layers that could be buildings, a column that is not there.
+    """
+    layers = _list_layers(path)
+    fit = [one for one in layers if one.kind != "line"]
+    chosen = _choose(
+        path, layers, fit, layer, _BUILDING_WORDS, (*_HEIGHT, *_LEVELS), "building polygons", "--buildings-layer"
+    )
+    items: list[RawBuilding] = []
+    found: list[pyproj.CRS | None] = []
+    labels: tuple[str, str] = ("", "")
+    for one in chosen:
+        table = _read(one, ledger)
+        height = _wanted_column(table, height_column, _HEIGHT, "--height-column")
+        levels = _wanted_column(table, levels_column, _LEVELS, "--levels-column")
+        ids = [f"{one.name}/{id_}" if len(chosen) > 1 else id_ for id_ in _ids(table, id_column)]
+        tags = _tags(table, _BUILDING_COLUMNS | {"height": (height,), "building:levels": (levels,)})
+        labels = (labels[0] or _label(height), labels[1] or _label(levels))
+        found.append(table.crs)
+        for id_, geometry, own in zip(ids, table.geometries, tags, strict=True):
+            kinds = () if geometry is None else shapely.get_type_id(shapely.get_parts(_unpacked(geometry)))
+            if one.kind == "any" and not np.isin(kinds, (3, 6)).any() and np.isin(kinds, (0, 1, 4, 5)).any():
+                ledger.note("noted", "line or point among the footprints", id_)
+                continue
+            is_part = "building:part" in own and "building" not in own
+            ledger.note("read", "building parts" if is_part else "buildings")
+            if geometry is None or geometry.is_empty:
+                ledger.note("left out", "building: no geometry", id_)
+            elif not np.isin(kinds, (3, 6)).any():
+                ledger.note("left out", "building: not a polygon", id_)
+            elif not np.isfinite(shapely.get_coordinates(geometry)).all():
+                ledger.note("left out", "building: coordinates that are no numbers", id_)
+            else:
+                items.append(RawBuilding(id_, geometry, own))
+    if len({crs.to_wkt() if crs else "" for crs in found}) > 1:
+        raise CityError(f"{path}: layers {', '.join(one.name for one in chosen)} differ in their CRS; expected one")
+    unique = with_unique_ids(items, ledger)
+    return BuildingLayer(str(path), unique, found[0], False, labels[0], labels[1])
+
+
+def read_street_lines(path: Path, ledger: Ledger, *, layer: str | None) -> StreetLayer | None:
+    """Street centre lines of the file or folder ``path``; None if no layer of it can hold any.
+
+    Raises:
+        CityError: as ``read_footprints``.
+    """
+    layers = _list_layers(path)
+    fit = [one for one in layers if one.kind != "polygon"]
+    if not fit and layer is None:
+        return None
+    chosen = _choose(
+        path, layers, fit, layer, _STREET_WORDS, _STREET_COLUMNS["highway"][:2], "street lines", "--streets-layer"
+    )
+    items: list[RawStreet] = []
+    found: list[pyproj.CRS | None] = []
+    for one in chosen:
+        table = _read(one, ledger)
+        found.append(table.crs)
+        tags = _tags(table, _STREET_COLUMNS)
+        for id_, geometry, own in zip(_ids(table, None), table.geometries, tags, strict=True):
+            parts = [] if geometry is None else shapely.get_parts(_unpacked(geometry))
+            lines = tuple(part for part in _flatten(parts) if isinstance(part, LineString) and 0 < part.length < np.inf)
+            if one.kind == "any" and not lines:
+                continue  # a building of a mixed layer
+            ledger.note("read", "streets")
+            if lines:
+                items.append(RawStreet(id_, lines, own))
+            else:
+                ledger.note("left out", "street: not a line", id_)
+    if len({crs.to_wkt() if crs else "" for crs in found}) > 1:
+        raise CityError(f"{path}: layers {', '.join(one.name for one in chosen)} differ in their CRS; expected one")
+    return StreetLayer(str(path), tuple(items), found[0], False)
+
+
+def _list_layers(path: Path) -> list[_Layer]:
+    """All layers with lines or polygons in the file, or in the GDAL files of the folder, in name order."""
+    if path.is_dir():
+        files = sorted(one for one in path.iterdir() if one.suffix.lower() in GDAL_SUFFIXES)
+        if not files:
+            inside = sorted(one.name for one in path.iterdir())
+            found = ", ".join(inside[:6]) + (", ..." if len(inside) > 6 else "") if inside else "nothing"
+            raise CityError(
+                f"{path}: a folder; expected one file of a city, or a folder that holds {', '.join(GDAL_SUFFIXES)} files; "
+                f"found in it: {found}"
+            )
+    else:
+        files = [path]
+        _refuse_other_formats(path)
+    layers: list[_Layer] = []
+    for file in files:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                for name, _ in pyogrio.list_layers(file):
+                    info = pyogrio.read_info(file, layer=name)
+                    kind = _kind(info["geometry_type"])
+                    if kind is not None:
+                        layers.append(_Layer(file, str(name), kind, tuple(str(one) for one in info["fields"])))
+        except _GDAL_ERRORS as error:
+            reason = str(error).split("; It might")[0].split(";")[0].removeprefix(f"'{file}' ")
+            raise CityError(
+                f"{file}: expected OpenStreetMap (.osm, .osm.pbf) or what GDAL reads (GeoJSON, GeoPackage, Shapefile, ...); "
+                f"found: {reason}"
+            ) from error
+    return layers
+
+
+def _refuse_other_formats(path: Path) -> None:
+    """CityJSON and its like hold cities as well, but are not read: say so instead of GDAL's puzzled words."""
+    with path.open("rb") as file:
+        head = file.read(65536)
+        file.seek(-min(65536, path.stat().st_size), SEEK_END)
+        head += file.read()
+    name = next((name for mark, name in _OTHER_FORMATS.items() if mark in head), None)
+    if path.suffix.lower() in _MESH_SUFFIXES:
+        name = f"a mesh ({path.suffix})"
+    if not head:
+        name = "an empty file"
+    if name is not None:
+        raise CityError(
+            f"{path}: {name} is not read; expected OpenStreetMap (.osm, .osm.pbf) or footprints and streets that GDAL "
+            "reads (GeoJSON, GeoPackage, Shapefile)"
+        )
+
+
+def _kind(geometry_type: str | None) -> str | None:
+    """What a layer's declared type can hold; None for points and tables."""
+    if geometry_type is None:
+        return None
+    word = geometry_type.lower()
+    if "polygon" in word or "surface" in word:
+        return "polygon"
+    if "line" in word or "curve" in word:
+        return "line"
+    return "any" if "unknown" in word or "collection" in word else None
+
+
+def _choose(
+    path: Path,
+    layers: list[_Layer],
+    fit: list[_Layer],
+    named: str | None,
+    words: tuple[str, ...],
+    telling_columns: tuple[str, ...],
+    what: str,
+    option: str,
+) -> list[_Layer]:
+    """The layers called ``named``, else the only one that fits, else the only one that its name or columns give away."""
+    if named is not None:
+        by_name = {one.name: one for one in layers}
+        wanted = [named] if named in by_name else [one.strip() for one in named.split(",")]
+        missing = [one for one in wanted if one not in by_name]
+        if missing:
+            raise CityError(f"{path}: {option} {missing[0]!r}: no such layer; found {', '.join(by_name) or 'none'}")
+        return [by_name[one] for one in wanted]
+    if not fit:
+        kinds = ", ".join(f"{one.name} ({one.kind}s)" for one in layers) or "none with lines or polygons"
+        raise CityError(f"{path}: expected a layer of {what}, found {kinds}")
+    if len(fit) == 1:
+        return fit
+    by_word = [one for one in fit if any(word in one.name.lower() for word in words)]
+    by_column = [one for one in by_word or fit if any(_plain(column) in telling_columns for column in one.columns)]
+    for candidates in (by_word, by_column):
+        if len(candidates) == 1:
+            return candidates
+    names = ", ".join(one.name for one in by_column or by_word or fit)
+    raise CityError(
+        f"{path}: several layers could be {what} ({names}): choose with {option} NAME, or several with {option} NAME,NAME"
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Table:
+    """A layer in memory: geometries (None where missing or unreadable) and columns."""
+
+    layer: _Layer
+    crs: pyproj.CRS | None
+    geometries: tuple[BaseGeometry | None, ...]
+    columns: dict[str, NDArray[Any]]
+
+
+def _read(layer: _Layer, ledger: Ledger) -> _Table:
+    """All features; what GDAL warns about goes to the ledger."""
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            meta, _, wkb, data = pyogrio.raw.read(layer.file, layer=layer.name, force_2d=True, datetime_as_string=True)
+    except _GDAL_ERRORS as error:
+        raise CityError(f"{layer.file} (layer {layer.name}): cannot be read: {error}") from error
+    for one in caught:
+        ledger.warn(f"{layer.file.name}: {one.message}")
+    geometries = tuple(shapely.from_wkb(wkb, on_invalid="ignore")) if wkb is not None else ()
+    columns = {str(name): values for name, values in zip(meta["fields"], data, strict=True)}
+    return _Table(
+        layer, declared_crs(layer.file, meta["crs"], hint="; name one with --crs EPSG:..."), geometries, columns
+    )
+
+
+def _unpacked(geometry: BaseGeometry) -> BaseGeometry:
+    """A collection's members may be collections: one level is opened by ``get_parts``, deeper ones here."""
+    parts = _flatten(shapely.get_parts(geometry))
+    return shapely.geometrycollections(parts) if geometry.geom_type == "GeometryCollection" else geometry
+
+
+def _flatten(parts: Iterable[BaseGeometry]) -> list[BaseGeometry]:
+    """Parts of parts, until none is a collection."""
+    flat: list[BaseGeometry] = []
+    for part in parts:
+        if shapely.get_type_id(part) >= 4:
+            flat += _flatten(shapely.get_parts(part))
+        else:
+            flat.append(part)
+    return flat
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\W_]", "", name.lower())
+
+
+def guess_column(columns: dict[str, NDArray[Any]], names: tuple[str, ...]) -> str | None:
+    """The first column called like one of ``names`` (case and punctuation aside) that is not empty throughout."""
+    for name in names:
+        for column, values in columns.items():
+            if _plain(column) == name and any(_text(value) is not None for value in values):
+                return column
+    return None
+
+
+def _wanted_column(table: _Table, named: str | None, names: tuple[str, ...], option: str) -> str:
+    """The column called ``named``, which must be there, else a guess, else an empty string."""
+    if named is None:
+        return guess_column(table.columns, names) or ""
+    if named not in table.columns:
+        has = ", ".join(table.columns) or "none"
+        raise CityError(
+            f"{table.layer.file} (layer {table.layer.name}): {option} {named!r}: no such column; found {has}"
+        )
+    return named
+
+
+def _label(column: str) -> str:
+    return f"column {column}" if column else ""
+
+
+def _text(value: object) -> str | None:
+    """A cell as a tag's value; None where it is empty, a list or binary."""
+    if value is None or isinstance(value, np.ndarray | list | bytes) or value != value:
+        return None
+    if isinstance(value, float | np.floating) and float(value).is_integer():
+        value = int(value)
+    return str(value).strip() or None
+
+
+def _tags(table: _Table, wanted: Mapping[str, tuple[str, ...]]) -> list[dict[str, str]]:
+    """One dict of tags a feature: tag -> the cell of the column by one of the names (exact, or guessed)."""
+    tags: list[dict[str, str]] = [{} for _ in table.geometries]
+    for tag, names in wanted.items():
+        column = names[0] if names[0] in table.columns else guess_column(table.columns, names)
+        if column is None:
+            continue
+        for own, value in zip(tags, table.columns[column], strict=True):
+            if (text := _text(value)) is not None:
+                own[tag] = text
+    return tags
+
+
+def _ids(table: _Table, named: str | None) -> list[str]:
+    """Ids from the column ``named``, else from the first usual id column without gaps or repeats, else ``feature/N``."""
+    rows = range(len(table.geometries))
+    if named is not None:
+        column = _wanted_column(table, named, (), "--id-column")
+        return [_text(value) or f"feature/{row}" for row, value in zip(rows, table.columns[column], strict=True)]
+    for name in _IDS:
+        for column, values in table.columns.items():
+            texts = [_text(value) for value in values]
+            if _plain(column) == name and None not in texts and len(set(texts)) == len(texts):
+                return [str(text) for text in texts]
+    return [f"feature/{row}" for row in rows]

@@ -1,0 +1,256 @@
+"""OpenStreetMap ``.osm`` and ``.osm.pbf``: outlines of buildings, and highways with their node ids.
+
+Two passes over the file: relations first (which ways do they need?), then ways with the places of their nodes. Rings of
+multipolygons are joined here, by node id, because an extract cuts relations at its edge: rings that close are used, and
+what is missing is counted by reason, which an area assembler that only skips cannot tell.
+Tags: https://wiki.openstreetmap.org/wiki/Simple_3D_Buildings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import osmium
+import pyproj
+import shapely
+from shapely.geometry import LineString, Polygon
+from shapely.geometry.base import BaseGeometry
+
+from mmi.foundation.errors import CityError
+from mmi.reading.raw_layers import BuildingLayer, RawBuilding, RawStreet, StreetLayer
+from mmi.reading.report import Ledger
+
+__all__ = ["is_osm", "join_rings", "read_osm"]
+
+_BUILDING_TAGS = (
+    "building", "building:part", "height", "building:height", "est_height", "building:levels", "min_height",
+    "building:min_height", "building:min_level", "layer", "location",
+)  # fmt: skip
+_STREET_TAGS = (
+    "highway", "name", "width", "lanes", "tunnel", "bridge", "layer", "covered", "indoor", "access", "foot", "motor_vehicle",
+    "footway", "area",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Relation:
+    """A building relation: its tags and the ids of its outer and inner member ways."""
+
+    id: str
+    tags: dict[str, str]
+    outer: tuple[int, ...]
+    inner: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """A way's node ids and their (longitude, latitude), None where the file lacks the node."""
+
+    nodes: tuple[int, ...]
+    places: tuple[tuple[float, float] | None, ...]
+
+
+def is_osm(path: Path) -> bool:
+    """True if the first bytes of ``path`` are OpenStreetMap XML or PBF, or its name says so."""
+    if path.name.lower().endswith((".osm", ".pbf", ".osm.gz", ".osm.bz2")):
+        return True
+    with path.open("rb") as file:
+        head = file.read(1024)
+    return b"OSMHeader" in head[:64] or (head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<") and b"<osm" in head)
+
+
+def read_osm(path: Path, ledger: Ledger, *, buildings: bool, streets: bool) -> tuple[BuildingLayer, StreetLayer]:
+    """Buildings and streets of ``path`` in degrees (EPSG:4326); the kind not asked for comes back empty.
+
+    Raises:
+        CityError: the file cannot be read to its end.
+    """
+    try:
+        relations, members = _read_relations(path, ledger, buildings=buildings, streets=streets)
+        ways, raw_buildings, raw_streets = _read_ways(path, ledger, members, buildings=buildings, streets=streets)
+    except (osmium.InvalidLocationError, RuntimeError, ValueError) as error:  # whatever osmium throws
+        raise CityError(f"{path}: expected OpenStreetMap XML or PBF, complete to its end; found: {error}") from error
+    assembled: list[RawBuilding] = []
+    outlines: set[int] = set()
+    for relation in relations:
+        geometry = _assemble(relation, ways, ledger)
+        if geometry is not None:
+            assembled.append(RawBuilding(relation.id, geometry, relation.tags))
+            if "building" in relation.tags:
+                outlines.update(relation.outer)
+    for number, way, tags in raw_buildings:
+        id_ = f"way/{number}"
+        if number in outlines and "building:part" not in tags:
+            ledger.note("left out", "building: outline of a relation that was read", id_)
+        elif (polygon := _polygon_from_way(id_, way, ledger)) is not None:
+            assembled.append(RawBuilding(id_, polygon, tags))
+    crs = pyproj.CRS.from_epsg(4326)
+    return (
+        BuildingLayer(str(path), tuple(assembled), crs, True, "height tag", "building:levels"),
+        StreetLayer(str(path), tuple(raw_streets), crs, True),
+    )
+
+
+def _entities(path: Path, kind: Any, places: Any = None) -> Iterator[Any]:  # noqa: ANN401 (osmium's types)
+    """The OSM objects of a kind, in file order; ``places`` is a table of nodes that is filled and used on the way."""
+    processor = osmium.FileProcessor(str(path))
+    if places is not None:
+        processor = processor.with_locations(places)
+    yield from processor.with_filter(osmium.filter.EntityFilter(kind))
+
+
+def _tags_of(tags: Mapping[str, str], keys: tuple[str, ...]) -> dict[str, str]:
+    """Those among ``tags`` that ``keys`` names."""
+    return {key: value for key in keys if (value := tags.get(key)) is not None}
+
+
+def _is_building(tags: Mapping[str, str]) -> bool:
+    """True for buildings and building parts; ``building=no`` counts, so that it is reported."""
+    return "building" in tags or (tags.get("building:part") or "no") != "no"
+
+
+def _read_relations(
+    path: Path, ledger: Ledger, *, buildings: bool, streets: bool
+) -> tuple[list[_Relation], frozenset[int]]:
+    """Building relations that are areas, and the ids of all ways that they need."""
+    relations: list[_Relation] = []
+    members: set[int] = set()
+    for relation in _entities(path, osmium.osm.RELATION):
+        id_ = f"relation/{relation.id}"
+        if streets and "highway" in relation.tags:
+            ledger.note("read", "highways")
+            ledger.note("left out", "street: a relation, thus an area", id_)
+        if not buildings or not _is_building(relation.tags):
+            continue
+        ledger.note("read", "buildings" if "building" in relation.tags else "building parts")
+        kind = relation.tags.get("type", "")
+        if kind not in {"multipolygon", "boundary"}:
+            ledger.note("left out", f"building: relation of type {kind or 'none'}, only groups others", id_)
+            continue
+        outer: list[int] = []
+        inner: list[int] = []
+        for member in relation.members:
+            if member.type == "w":
+                (inner if member.role == "inner" else outer).append(member.ref)
+        members.update(outer, inner)
+        relations.append(_Relation(id_, _tags_of(relation.tags, _BUILDING_TAGS), tuple(outer), tuple(inner)))
+    return relations, frozenset(members)
+
+
+def _read_ways(
+    path: Path, ledger: Ledger, members: frozenset[int], *, buildings: bool, streets: bool
+) -> tuple[dict[int, _Way], list[tuple[int, _Way, dict[str, str]]], list[RawStreet]]:
+    """Member ways by id; building ways as (id, way, tags); streets."""
+    ways: dict[int, _Way] = {}
+    outlines: list[tuple[int, _Way, dict[str, str]]] = []
+    raw_streets: list[RawStreet] = []
+    # A file may hold ways before nodes: fill the table of places first, then use it.
+    places = osmium.index.create_map("flex_mem")
+    for _ in _entities(path, osmium.osm.NOTHING, places):
+        pass
+    for way in _entities(path, osmium.osm.WAY, places):
+        is_building = buildings and _is_building(way.tags)
+        is_street = streets and "highway" in way.tags
+        if not (is_building or is_street or way.id in members):
+            continue
+        found = _Way(
+            tuple(node.ref for node in way.nodes),
+            tuple((node.location.lon, node.location.lat) if node.location.valid() else None for node in way.nodes),
+        )
+        if way.id in members:
+            ways[way.id] = found
+        if is_building:
+            ledger.note("read", "buildings" if "building" in way.tags else "building parts")
+            outlines.append((way.id, found, _tags_of(way.tags, _BUILDING_TAGS)))
+        if is_street:
+            ledger.note("read", "highways")
+            street = _street_from_way(f"way/{way.id}", found, _tags_of(way.tags, _STREET_TAGS), ledger)
+            if street is not None:
+                raw_streets.append(street)
+    return ways, outlines, raw_streets
+
+
+def _street_from_way(id_: str, way: _Way, tags: dict[str, str], ledger: Ledger) -> RawStreet | None:
+    """The located stretches of a highway: split where nodes are missing, None if no two neighbours are known."""
+    runs: list[list[tuple[int, tuple[float, float]]]] = [[]]
+    for node, place in zip(way.nodes, way.places, strict=True):
+        if place is None:
+            runs.append([])
+        elif not runs[-1] or runs[-1][-1][1] != place:
+            runs[-1].append((node, place))
+    runs = [run for run in runs if len(run) > 1]
+    if not runs:
+        ledger.note("left out", "street: its nodes are missing from the file", id_)
+        return None
+    if None in way.places:
+        ledger.note("repaired", "street shortened where nodes are missing", id_)
+    lines = tuple(LineString([place for _, place in run]) for run in runs)
+    return RawStreet(id_, lines, tags, tuple(tuple(node for node, _ in run) for run in runs))
+
+
+def _polygon_from_way(id_: str, way: _Way, ledger: Ledger) -> Polygon | None:
+    """The area inside a closed way, or None with the reason in the ledger."""
+    places = [place for place in way.places if place is not None]
+    if len(places) < len(way.places):
+        ledger.note("left out", "building: nodes missing from the file", id_)
+    elif len(way.nodes) < 4 or way.nodes[0] != way.nodes[-1]:
+        ledger.note("left out", "building: outline not closed", id_)
+    else:
+        return Polygon(places)
+    return None
+
+
+def join_rings(ways: list[tuple[int, ...]]) -> tuple[list[tuple[int, ...]], int]:
+    """Join node-id chains end to end into closed rings, in the order given; also the number of chains left over."""
+    rings = [way for way in ways if len(way) > 3 and way[0] == way[-1]]
+    chains = [list(way) for way in ways if len(way) > 1 and way[0] != way[-1]]
+    left_over = 0
+    while chains:
+        chain, used = chains.pop(0), 1
+        while chain[0] != chain[-1]:
+            match = next((i for i, other in enumerate(chains) if chain[-1] in (other[0], other[-1])), None)
+            if match is None:
+                break
+            other = chains.pop(match)
+            chain += other[1:] if other[0] == chain[-1] else other[-2::-1]
+            used += 1
+        if chain[0] == chain[-1] and len(chain) > 3:
+            rings.append(tuple(chain))
+        else:
+            left_over += used
+    return rings, left_over
+
+
+def _assemble(relation: _Relation, ways: dict[int, _Way], ledger: Ledger) -> BaseGeometry | None:
+    """Outer rings less inner rings, or None with the reason in the ledger."""
+    places = {
+        node: place
+        for number in (*relation.outer, *relation.inner)
+        if number in ways
+        for node, place in zip(ways[number].nodes, ways[number].places, strict=True)
+    }
+
+    def areas(numbers: tuple[int, ...]) -> tuple[list[BaseGeometry], int]:
+        whole = [ways[n].nodes for n in numbers if n in ways and None not in ways[n].places]
+        rings, left_over = join_rings(whole)
+        polygons = [Polygon([places[node] for node in ring]) for ring in rings]
+        fixed = [
+            one if one.is_valid else shapely.make_valid(one, method="structure", keep_collapsed=False)
+            for one in polygons
+        ]
+        return fixed, left_over + len(numbers) - len(whole)
+
+    outers, broken_outers = areas(relation.outer)
+    inners, broken_inners = areas(relation.inner)
+    if not outers:
+        ledger.note("left out", "building: relation whose outer ring is incomplete", relation.id)
+        return None
+    if broken_outers:
+        ledger.note("repaired", "relation with incomplete outer rings: complete ones kept", relation.id)
+    if broken_inners:
+        ledger.note("repaired", "relation with an incomplete courtyard: courtyard filled", relation.id)
+    outline = shapely.union_all(outers)
+    return outline.difference(shapely.union_all(inners)) if inners else outline

@@ -1,0 +1,199 @@
+"""3D models without a city's structure: glTF, OBJ, PLY, STL and what else trimesh reads, as buildings, ground and streets.
+
+A node or group with a name is a building. A file that is one mesh, or whose nodes each span the whole city (one for each
+material), is taken apart by ``mmi.reading.models.triangle_soup``. Nothing in a file is ever evaluated, and nothing outside
+its folder read.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from mmi.city.model import PAINTED, PLAIN, TriangleMesh
+from mmi.foundation.errors import CityError, ParameterError
+from mmi.reading.models.gltf_reader import read_gltf
+from mmi.reading.models.obj import read_obj
+from mmi.reading.models.raw_meshes import joined_meshes, placed_corners, y_up_to_z_up
+from mmi.reading.models.triangle_soup import split_into_objects
+from mmi.reading.raw_layers import ModelLayer, RawModel, with_unique_ids
+from mmi.reading.report import Ledger
+
+__all__ = ["MESH_SUFFIXES", "is_mesh", "read_meshes", "up_axis"]
+
+_GLTF = (".glb", ".gltf")
+_BY_TRIMESH = (".ply", ".stl", ".off")
+_TO_CONVERT = (".dae", ".3ds", ".fbx", ".blend", ".skp", ".max", ".usd", ".usdz", ".usda", ".x3d", ".wrl", ".dxf")
+MESH_SUFFIXES = (*_GLTF, ".obj", *_BY_TRIMESH)
+"""Endings of files that ``read_meshes`` reads."""
+_GROUND_NAMES = frozenset({"terrain", "ground", "relief", "dem", "tin"})
+_OVERLAP = 1.5
+"""Sum of the nodes' boxes over the box of all, seen from above, from which nodes are not buildings beside one another."""
+
+
+def is_mesh(path: Path) -> bool:
+    """True for 3D models by name or first bytes, also for kinds that ``read_meshes`` can only refuse with advice."""
+    if path.suffix.lower() in (*MESH_SUFFIXES, *_TO_CONVERT):
+        return True
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        head = file.read(8)
+    return head.startswith((b"glTF", b"ply\n", b"ply\r"))
+
+
+def read_meshes(path: Path, ledger: Ledger, *, up: str = "auto") -> ModelLayer:
+    """Buildings, ground and streets of a 3D model, Z up, in the file's units; ids are the names of nodes or groups.
+
+    ``up`` is the axis that points up in a file that does not say: ``y``, ``z``, or ``auto`` (``up_axis``); glTF says.
+
+    Raises:
+        CityError: the file is damaged, empty, or of a kind that is not read (the message says how to convert it).
+        ParameterError: ``up`` means nothing.
+    """
+    if up not in ("auto", "y", "z"):
+        raise ParameterError(f"the axis that points up is auto, y or z, found {up!r}")
+    suffix = path.suffix.lower()
+    with path.open("rb") as file:
+        head = file.read(8)
+    if suffix in _GLTF or head.startswith(b"glTF"):
+        layer = read_gltf(path, ledger)
+    else:
+        if suffix in _TO_CONVERT:
+            raise CityError(
+                f"{path}: {suffix} is not read; expected {', '.join(MESH_SUFFIXES)}: convert it, for instance with "
+                f"`assimp export {path.name} {path.stem}.glb`, or open it in Blender and export glTF"
+            )
+        layer = read_obj(path, ledger) if suffix == ".obj" else _read_by_trimesh(path, ledger)
+        axis = up_axis(joined_meshes([item.mesh for item in layer.items])) if up == "auto" else up
+        if axis == "y":
+            ledger.note("noted", "axis that points up: y" + (" (guessed)" if up == "auto" else ""))
+            layer = replace(layer, items=tuple(RawModel(one.id, y_up_to_z_up(one.mesh)) for one in layer.items))
+    ledger.note("read", "meshes", count=len(layer.items))
+    ledger.note("read", "triangles of meshes", count=sum(len(one.mesh.triangles) for one in layer.items))
+    layer = _without_ground(layer)
+    return (
+        replace(layer, items=with_unique_ids(layer.items, ledger)) if _are_buildings(layer) else _split(layer, ledger)
+    )
+
+
+def up_axis(mesh: TriangleMesh) -> str:
+    """``y`` or ``z``: which axis looks more like the heights of a city.
+
+    Three shares in [0, 1] are summed for each. Walls and roofs: the area that is parallel or at right angles to the axis
+    (along another axis of a city that is turned, it is little). Roofs: the area at right angles to it. Flatness: how small
+    the extent along it is. A single tower that is as slim as it is high can deceive it.
+    """
+    corners = mesh.vertices[mesh.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normals, axis=1)
+    along = np.abs(normals) / np.maximum(area, 1e-300)[:, None]
+    size = np.ptp(corners.reshape(-1, 3), axis=0)
+    total = max(float(area.sum()), 1e-300)
+
+    def score(axis: int) -> float:
+        flat, wall = along[:, axis] > 0.99, along[:, axis] < 0.02
+        shares = (2.0 * area[flat].sum() + area[wall].sum()) / total
+        return float(shares + 1.0 - size[axis] / max(size[1], size[2], 1e-300))
+
+    return "y" if score(1) > score(2) else "z"
+
+
+def _read_by_trimesh(path: Path, ledger: Ledger) -> ModelLayer:
+    """PLY, STL and OFF: geometry, and colours of vertices or faces where the file has any."""
+    suffix = path.suffix.lower()
+    suffix = suffix if suffix in _BY_TRIMESH else ".ply"
+    try:
+        with _silence(), np.errstate(all="ignore"):
+            # From memory: what the file refers to is out of reach.
+            loaded = trimesh.load(io.BytesIO(path.read_bytes()), file_type=suffix[1:], process=False)
+            mesh = loaded.to_mesh() if isinstance(loaded, trimesh.Scene) else loaded
+            colors = _colors(mesh) if isinstance(mesh, trimesh.Trimesh) else None
+        if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
+            raise CityError(f"{path}: expected {suffix[1:].upper()} with triangles, found none")
+        points, triangles = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
+        if not 0 <= triangles.min() <= triangles.max() < len(points):
+            raise ValueError(f"corners of {len(points)} points, found number {triangles.max()}")
+    except CityError:
+        raise
+    except Exception as error:  # whatever trimesh stumbles over
+        raise CityError(
+            f"{path}: expected {suffix[1:].upper()}, complete and valid; found: {' '.join(str(error).split())[:200]}"
+        ) from error
+    points, keep = placed_corners(points, triangles, path.stem, ledger)
+    if not keep.any():
+        raise CityError(f"{path}: expected triangles with corners that are numbers, found none")
+    textures = np.full(len(triangles), PAINTED if colors is None else PLAIN, dtype=np.int32)
+    own = None if colors is None else colors[keep]
+    one = TriangleMesh(points, triangles[keep].astype(np.int32), textures[keep], own)  # type: ignore[arg-type]
+    return ModelLayer(str(path), (RawModel(path.stem, one),), None)
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """No warnings, and no tracebacks of what trimesh tried in vain on stderr (where nobody asked for its log)."""
+    logger, handler = logging.getLogger("trimesh"), logging.NullHandler()
+    logger.addHandler(handler)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logger.removeHandler(handler)
+
+
+def _colors(mesh: trimesh.Trimesh) -> NDArray[np.uint8] | None:
+    """Colours (m, 3) of the triangles, or None: the file has none."""
+    looks = mesh.visual
+    if not isinstance(looks, trimesh.visual.ColorVisuals):
+        return None
+    if looks.kind == "vertex":
+        corners = np.asarray(looks.vertex_colors)[np.asarray(mesh.faces), :3]
+        return np.rint(corners.astype(np.float64).mean(axis=1)).astype(np.uint8)
+    return np.asarray(looks.face_colors)[:, :3].astype(np.uint8) if looks.kind == "face" else None
+
+
+def _without_ground(layer: ModelLayer) -> ModelLayer:
+    """Nodes called ground, relief and the like are the terrain, where there are others beside them."""
+    ground = [one.mesh for one in layer.items if one.id.lower() in _GROUND_NAMES]
+    if layer.terrain is not None or not ground or len(ground) == len(layer.items):
+        return layer
+    items = tuple(one for one in layer.items if one.id.lower() not in _GROUND_NAMES)
+    return replace(layer, items=items, terrain=joined_meshes(ground))
+
+
+def _are_buildings(layer: ModelLayer) -> bool:
+    """False for one mesh, and for meshes that lie over one another as those of different materials do."""
+    if len(layer.items) < 2:
+        return not layer.items
+    low = np.array([one.mesh.vertices[:, :2].min(axis=0) for one in layer.items])
+    high = np.array([one.mesh.vertices[:, :2].max(axis=0) for one in layer.items])
+    return bool(np.prod(high - low, axis=1).sum() <= _OVERLAP * np.prod(high.max(axis=0) - low.min(axis=0)))
+
+
+def _split(layer: ModelLayer, ledger: Ledger) -> ModelLayer:
+    """The layer with its meshes taken apart; as it was where that yields no more objects than it has nodes."""
+    trial = Ledger()
+    models, ground = split_into_objects(joined_meshes([one.mesh for one in layer.items]), trial)
+    if len(layer.items) > 1 and len(models) <= len(layer.items):
+        ledger.note("noted", "meshes that overlap, taken as they are", count=len(layer.items))
+        return replace(layer, items=with_unique_ids(layer.items, ledger))
+    if len(layer.items) > 1:
+        ledger.note("noted", "meshes that overlap, joined before splitting", count=len(layer.items))
+    ledger.absorb(trial)
+    if layer.terrain is not None and ground is not None:
+        ground = joined_meshes([layer.terrain, ground])
+    if len(models) == 1 and len(layer.items) == 1:
+        models = (RawModel(layer.items[0].id, models[0].mesh),)
+    else:
+        ledger.note("noted", "objects that one mesh was split into", count=len(models))
+    return replace(layer, items=models, terrain=layer.terrain if ground is None else ground)

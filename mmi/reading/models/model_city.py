@@ -1,0 +1,182 @@
+"""3D city models in: from a :class:`mmi.reading.raw_layers.ModelLayer` to objects, streets and ground in one frame, step by
+step.
+
+Models differ from footprints in what they leave open. They may have no CRS: then their units are metres of a frame of their
+own, ``"local"``. They may have no streets: then viewing cells follow the skeleton of the open space between the buildings.
+They bring a ground of their own or leave it to be told from where the buildings stand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from pyproj import CRS
+from shapely.geometry import Polygon
+
+from mmi.city.model import City, CityObject
+from mmi.city.terrain import Terrain
+from mmi.foundation.errors import CityError, ParameterError
+from mmi.reading.frame import (
+    Box,
+    Frame,
+    agree_on_crs,
+    box_to_frame,
+    choose_frame,
+    coordinate_bounds,
+    lonlat_bounds,
+    meets_box,
+    points_to_frame,
+    within_clip,
+)
+from mmi.reading.ground.ground import ground_of_buildings, ground_of_file, ground_of_model, settled
+from mmi.reading.ground.open_space import open_space_streets
+from mmi.reading.maps.streets import graph_from_lines, moved_lines
+from mmi.reading.models.citygml import is_citygml, read_citygml
+from mmi.reading.models.cityjson import is_cityjson, read_cityjson
+from mmi.reading.models.mesh_files import is_mesh, read_meshes
+from mmi.reading.models.objects_from_meshes import objects_from_models
+from mmi.reading.raw_layers import BuildingLayer, ModelLayer, RawBuilding, StreetLayer
+from mmi.reading.report import Ledger
+
+__all__ = ["city_of_model", "is_model", "read_model"]
+
+_LOCAL = Frame("local", (0.0, 0.0, 0.0), "")
+
+
+def is_model(path: Path) -> bool:
+    """Whether the file is a 3D model: CityJSON, CityGML, glTF, OBJ or another mesh."""
+    return path.is_file() and (is_mesh(path) or is_citygml(path) or is_cityjson(path))
+
+
+def read_model(path: Path, ledger: Ledger, *, lod: str | None, up: str, crs: CRS | None = None) -> ModelLayer:
+    """The model in ``path``; see the readers for ``lod``, ``up`` and ``crs``."""
+    if is_mesh(path):
+        if lod is not None:
+            raise ParameterError(f"--lod: {path} has no levels of detail; found {lod!r}")
+        layer = read_meshes(path, ledger, up=up)
+    else:
+        read = read_citygml if is_citygml(path) else read_cityjson
+        layer = read(path, ledger, lod=lod, crs=crs)
+    if not layer.items:
+        raise CityError(f"{path}: no buildings; expected objects of type Building, or named nodes with triangles")
+    return layer
+
+
+def city_of_model(
+    layer: ModelLayer,
+    streets: StreetLayer | None,
+    ledger: Ledger,
+    *,
+    source: str,
+    network: str,
+    override: CRS | None,
+    clip: Box | None,
+    terrain: Path | None,
+) -> City:
+    """A city of the model's buildings. ``streets`` of another file replace its own.
+
+    Raises:
+        CityError: nothing usable; the CRS of the model and of its streets or ground do not agree.
+        ParameterError: an option that needs what the model has not.
+    """
+    own = StreetLayer(layer.file, layer.streets, layer.crs, False) if layer.streets else None
+    lines = streets or own
+    building_crs, street_crs = _agreed(layer, lines, override)
+    if clip is not None:
+        layer = _clipped(layer, building_crs, clip, ledger)
+    frame = _frame(layer, building_crs)
+    if frame.why and building_crs is not None and not building_crs.is_geographic:
+        ledger.warn(f"{layer.file}: {frame.why}")
+
+    def move(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        return points_to_frame(points, building_crs, frame)
+
+    objects = objects_from_models(layer, move, ledger)
+    ground = _ground(layer, objects, move, frame, terrain, ledger)
+    objects = settled(objects, ground, ledger)
+    if lines is None:
+        paths, enclosed = open_space_streets(np.array([one.footprint for one in objects], dtype=object))
+        if not paths:
+            raise CityError(
+                f"{layer.file}: no streets, and no open space between the buildings; expected --streets FILE"
+            )
+        ledger.note("inferred", "paths through the open space, as there are no streets", count=len(paths))
+        if enclosed > 0.0:
+            ledger.note("left out", "open space that is enclosed", metres=enclosed)
+        lines, network = StreetLayer(layer.file, paths, None, False), "all"
+        shapes = [list(item.lines) for item in lines.items]
+    else:
+        shapes = moved_lines(lines, street_crs, frame)
+    graph = graph_from_lines(
+        lines,
+        shapes,
+        objects,
+        ledger,
+        network=network,
+        ground=ground,
+        window=None if clip is None else box_to_frame(clip, frame),
+    )
+    flat_ground = 0.0 if isinstance(ground, Terrain) else ground
+    rising = ground if isinstance(ground, Terrain) else None
+    return City(objects, graph, frame.crs, frame.origin, source, flat_ground, rising, layer.textures)
+
+
+def _agreed(layer: ModelLayer, lines: StreetLayer | None, override: CRS | None) -> tuple[CRS | None, CRS | None]:
+    """The CRS of buildings and streets; both None where units are metres of the model's own frame."""
+    if lines is None:
+        return override or layer.crs, None
+    if layer.crs is None and override is None and (lines.crs is None or _no_degrees(lines)):
+        return None, None
+    outlines = tuple(RawBuilding(item.id, box, {}) for item, box in zip(layer.items, _boxes(layer), strict=True))
+    return agree_on_crs(BuildingLayer(layer.file, outlines, layer.crs, False, "", ""), lines, override)
+
+
+def _no_degrees(lines: StreetLayer) -> bool:
+    """Whether coordinates cannot be the degrees that GeoJSON declares for want of anything else."""
+    bounds = coordinate_bounds([line for item in lines.items for line in item.lines])
+    return lines.crs is not None and lines.crs.is_geographic and max(abs(one) for one in bounds) > 360.0
+
+
+def _frame(layer: ModelLayer, crs: CRS | None) -> Frame:
+    points = np.concatenate([item.mesh.vertices[:, :2] for item in layer.items])
+    (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
+    if crs is None:
+        middle = np.floor(np.array([x0 + x1, y0 + y1]) / 20.0) * 10.0
+        return replace(_LOCAL, origin=(float(middle[0]), float(middle[1]), 0.0))
+    bounds = (float(x0), float(y0), float(x1), float(y1))
+    return choose_frame(layer.file, bounds, crs, lonlat_bounds(layer.file, bounds, crs))
+
+
+def _boxes(layer: ModelLayer) -> list[Polygon]:
+    """What each building's mesh lies within, in plan."""
+    return [shapely.box(*shapely.total_bounds(shapely.points(item.mesh.vertices[:, :2]))) for item in layer.items]
+
+
+def _clipped(layer: ModelLayer, crs: CRS | None, clip: Box, ledger: Ledger) -> ModelLayer:
+    """Only what meets the box by its own bounding box; the rest is counted."""
+    if crs is None:
+        raise ParameterError(f"--clip: a model with a coordinate system expected, found {layer.file} (--crs names one)")
+    near = meets_box(_boxes(layer), crs, clip)
+    return replace(layer, items=within_clip(layer.items, near, clip, ledger, file=layer.file, kind="building"))
+
+
+def _ground(
+    layer: ModelLayer,
+    objects: tuple[CityObject, ...],
+    move: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    frame: Frame,
+    terrain: Path | None,
+    ledger: Ledger,
+) -> Terrain | float:
+    """From a file of its own, the model, or the buildings' feet."""
+    bounds = coordinate_bounds([one.footprint for one in objects])
+    if terrain is not None:
+        return ground_of_file(terrain, frame, bounds, ledger)
+    if layer.terrain is not None:
+        return ground_of_model(layer.terrain, move, bounds, ledger)
+    return ground_of_buildings(objects, bounds, ledger)

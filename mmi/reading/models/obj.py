@@ -1,0 +1,321 @@
+"""Wavefront OBJ with its .mtl: objects or groups become meshes, in the file's own axes.
+
+Where ``o`` names several objects those are the buildings, else the groups of ``g``; a name that comes back continues its
+mesh. Texture coordinates run up as they do in a city. ``Kd`` is taken as sRGB, and not multiplied into a picture: what
+exporters write beside ``map_Kd`` is black or grey more often than meant. Only faces are read.
+
+Source: Wavefront, Advanced Visualizer Manual, appendix B (object files) and the .mtl format.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import mapbox_earcut
+import numpy as np
+from numpy.typing import NDArray
+
+from mmi.city.model import PAINTED, PLAIN, TriangleMesh
+from mmi.foundation.errors import CityError
+from mmi.reading.models.pictures import PictureShelf, contained_path
+from mmi.reading.models.raw_meshes import placed_corners
+from mmi.reading.raw_layers import ModelLayer, RawModel
+from mmi.reading.report import Ledger
+
+__all__ = ["read_obj"]
+
+_NOTHING = -1
+# Options of a map in a .mtl -> the most arguments that they take.
+_MAP_OPTIONS = (
+    ("-blendu", 1), ("-blendv", 1), ("-bm", 1), ("-boost", 1), ("-cc", 1), ("-clamp", 1), ("-imfchan", 1), ("-mm", 2),
+    ("-o", 3), ("-s", 3), ("-t", 3), ("-texres", 1), ("-type", 1),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """A material: place of its picture or PLAIN or PAINTED, sRGB colour, and texture coordinates' scale and shift."""
+
+    texture: int
+    color: tuple[int, int, int] = (255, 255, 255)
+    scale: tuple[float, float] = (1.0, 1.0)
+    shift: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(slots=True)
+class _Faces:
+    """Polygons of a file: corner counts, and per corner places of point and texture coordinate; per face its names."""
+
+    sizes: list[int] = field(default_factory=list)
+    points: list[int] = field(default_factory=list)
+    places: list[int] = field(default_factory=list)
+    objects: list[str] = field(default_factory=list)
+    groups: list[str] = field(default_factory=list)
+    materials: list[str] = field(default_factory=list)
+
+
+def read_obj(path: Path, ledger: Ledger) -> ModelLayer:
+    """Objects or groups of ``path``, names as ids, in the axes of the file.
+
+    Raises:
+        CityError: a line that cannot be, corners that do not exist, no faces, or files outside its folder.
+    """
+    points, colors, coordinates, faces, libraries = _read_lines(path)
+    if not faces.sizes:
+        raise CityError(
+            f"{path}: expected OBJ with faces (lines that start with f), found {len(points)} points and no face"
+        )
+    shelf = PictureShelf(ledger)
+    looks: dict[str, _Look] = {}
+    for name in libraries:
+        looks |= _read_materials(path, name, shelf, ledger)
+    triangles, face_of = _triangulated(points, faces)
+    mesh = _dressed(path, points, colors, coordinates, faces, triangles, face_of, looks, ledger)
+    names = faces.objects if len(set(faces.objects)) > 1 or not any(faces.groups) else faces.groups
+    first: dict[str, int] = {}
+    for name in names:
+        first.setdefault(name, len(first))
+    group_of = np.array([first[name] for name in names])[face_of]
+    order = np.argsort(group_of, kind="stable")
+    shares = np.split(order, np.cumsum(np.bincount(group_of, minlength=len(first)))[:-1])
+    items = []
+    for name, mine in zip(first, shares, strict=True):
+        one = mesh(mine, name or path.stem)
+        if one is not None:
+            items.append(RawModel(name or path.stem, one))
+    if not items:
+        raise CityError(f"{path}: expected faces with corners that are numbers, found none")
+    return ModelLayer(str(path), tuple(items), None, shelf.textures())
+
+
+def _read_lines(
+    path: Path,
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.float64], _Faces, list[str]]:
+    """Points (n, 3), their colours (n, 3) in 0..1 or None, texture coordinates (k, 2), faces, and .mtl names."""
+    points: list[tuple[float, ...]] = []
+    tints: list[tuple[float, ...]] = []
+    coordinates: list[tuple[float, float]] = []
+    faces = _Faces()
+    libraries: list[str] = []
+    owner = group = material = ""
+    text = path.read_bytes().decode("utf-8", errors="replace").replace("\\\r\n", " ").replace("\\\n", " ")
+    if "\0" in text:
+        raise CityError(f"{path}: expected OBJ, which is text; found binary data")
+    for number, line in enumerate(text.splitlines(), 1):
+        words = line.split()
+        if not words:
+            continue
+        key = words[0]
+        try:
+            if key == "v":
+                points.append((float(words[1]), float(words[2]), float(words[3])))
+                if len(words) >= 7:
+                    tints.append((float(words[4]), float(words[5]), float(words[6])))
+            elif key == "f":
+                if len(words) < 4:
+                    continue  # a line or a point
+                for word in words[1:]:
+                    point, _, rest = word.partition("/")
+                    place = rest.partition("/")[0]
+                    faces.points.append(_place(int(point), len(points)))
+                    faces.places.append(_place(int(place), len(coordinates)) if place else _NOTHING)
+                faces.sizes.append(len(words) - 1)
+                faces.objects.append(owner)
+                faces.groups.append(group)
+                faces.materials.append(material)
+            elif key == "vt":
+                coordinates.append((float(words[1]), float(words[2]) if len(words) > 2 else 0.0))
+            elif key == "o":
+                owner = " ".join(words[1:])
+            elif key == "g":
+                group = " ".join(words[1:])
+            elif key == "usemtl":
+                material = line.split(None, 1)[1].strip() if len(words) > 1 else ""
+            elif key == "mtllib":
+                libraries.append(line.split(None, 1)[1].strip())
+        except (ValueError, IndexError) as error:
+            raise CityError(f"{path}: line {number}: expected OBJ, found {line.strip()[:60]!r} ({error})") from error
+    xyz = np.array(points, dtype=np.float64).reshape(-1, 3)
+    tint = np.array(tints, dtype=np.float64) if points and len(tints) == len(points) else None
+    _check_corners(path, faces.points, len(xyz), "points")
+    _check_corners(path, faces.places, len(coordinates), "texture coordinates")
+    return xyz, tint, np.array(coordinates, dtype=np.float64).reshape(-1, 2), faces, libraries
+
+
+def _place(index: int, count: int) -> int:
+    """From OBJ's 1, 2, ... and -1 (the last so far), -2, ... to 0, 1, ..."""
+    if index == 0 or index < -count:
+        raise ValueError(f"no element {index} among {count}")
+    return index - 1 if index > 0 else count + index
+
+
+def _check_corners(path: Path, places: list[int], count: int, what: str) -> None:
+    if places and max(places) >= count:
+        raise CityError(f"{path}: a face needs {what} number {max(places) + 1}, the file has {count}: is it cut off?")
+
+
+def _read_materials(path: Path, name: str, shelf: PictureShelf, ledger: Ledger) -> dict[str, _Look]:
+    """The materials of a .mtl beside ``path``; none, and a note, where it is missing."""
+    file = contained_path(path.parent, name, path)
+    if not file.is_file():
+        ledger.note("left out", "materials: their .mtl is missing", name)
+        return {}
+    looks: dict[str, _Look] = {}
+    current = ""
+    for number, line in enumerate(file.read_bytes().decode("utf-8", errors="replace").splitlines(), 1):
+        words = line.split()
+        if not words:
+            continue
+        key = words[0].lower()
+        try:
+            if key == "newmtl":
+                current = line.split(None, 1)[1].strip()
+                looks[current] = _Look(PAINTED if current == "painted" else PLAIN)
+            elif current and key == "kd" and looks[current].texture == PLAIN:
+                kd = [float(word) for word in words[1:4]]
+                red, green, blue = (round(255.0 * min(max(one, 0.0), 1.0)) for one in (kd * 3)[: max(3, len(kd))])
+                looks[current] = _Look(PLAIN, (red, green, blue))
+            elif current and key == "map_kd":
+                looks[current] = _mapped(file, words[1:], shelf, ledger) or looks[current]
+            elif (key == "d" and float(words[-1]) < 1.0) or (key == "tr" and float(words[-1]) > 0.0):
+                ledger.note("noted", "transparent material drawn opaque", current)
+        except (ValueError, IndexError) as error:
+            raise CityError(
+                f"{file}: line {number}: expected a material, found {line.strip()[:60]!r} ({error})"
+            ) from error
+    return looks
+
+
+def _mapped(file: Path, words: list[str], shelf: PictureShelf, ledger: Ledger) -> _Look | None:
+    """The look that ``map_Kd`` gives; None, and a note, where the picture is missing or cannot be read."""
+    takes = dict(_MAP_OPTIONS)
+    numbers: dict[str, list[float]] = {"-s": [], "-o": []}
+    at = 0
+    while at < len(words) - 1 and words[at] in takes:
+        option, at = words[at], at + 1
+        for taken in range(takes[option]):
+            if taken and not _is_number(words[at]):
+                break
+            if option in numbers:
+                numbers[option].append(float(words[at]))
+            if option == "-clamp" and words[at] == "on":
+                ledger.note("noted", "picture that clamps or mirrors at its edges: repeated instead", words[-1])
+            at += 1
+    name = " ".join(words[at:])
+    picture = contained_path(file.parent, name, file)
+    if not picture.is_file():
+        ledger.note("left out", "picture: its file is missing", name)
+        return None
+    place = shelf.place(picture.read_bytes(), picture.name, alpha=True)
+    if place is None:
+        return None
+    su, sv = [*numbers["-s"], 1.0, 1.0][:2]
+    du, dv = [*numbers["-o"], 0.0, 0.0][:2]
+    return _Look(place, (255, 255, 255), (su, sv), (du, dv))
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _triangulated(points: NDArray[np.float64], faces: _Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Triangles (m, 3) as places of corners in the lists of ``faces``, and the face of each (m,); in the order of faces."""
+    sizes = np.array(faces.sizes)
+    starts = np.cumsum(sizes) - sizes
+    corners = np.array(faces.points)
+    parts, owners = [], []
+    threes = np.flatnonzero(sizes == 3)
+    parts.append(starts[threes, None] + np.arange(3))
+    owners.append(threes)
+    fours = np.flatnonzero(sizes == 4)
+    if fours.size:
+        quads = starts[fours, None] + np.arange(4)
+        a, b, c, d = np.moveaxis(np.nan_to_num(points[corners[quads]]), 1, 0)
+        # A dart is cut at its inner corner: the other diagonal would leave it.
+        other = (np.cross(b - a, c - a) * np.cross(c - a, d - a)).sum(axis=1) < 0.0
+        quads[other] = np.roll(quads[other], -1, axis=1)
+        parts += [quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]
+        owners += [fours, fours]
+    for face in np.flatnonzero(sizes > 4):
+        ring = starts[face] + np.arange(sizes[face])
+        cut = _cut_polygon(np.nan_to_num(points[corners[ring]]))
+        parts.append(ring[cut])
+        owners.append(np.full(len(cut), face))
+    triangles, face_of = np.concatenate(parts), np.concatenate(owners)
+    order = np.argsort(face_of, kind="stable")
+    return triangles[order], face_of[order]
+
+
+def _cut_polygon(ring: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Triangles (m, 3) of the polygon (n, 3), seen along the axis that shows it largest; a fan where it has no area."""
+    ahead = np.roll(ring, -1, axis=0)
+    normal = np.cross(ring - ring[0], ahead - ring[0]).sum(axis=0)
+    axis = int(np.argmax(np.abs(normal)))
+    flat = ring[:, [(axis + 1) % 3, (axis + 2) % 3]]
+    flat = flat if normal[axis] >= 0.0 else flat[:, ::-1]
+    cut = mapbox_earcut.triangulate_float64(np.ascontiguousarray(flat), np.array([len(ring)], dtype=np.uint32))
+    if len(cut) == 0:
+        k = np.arange(1, len(ring) - 1)
+        return np.column_stack([np.zeros_like(k), k, k + 1])
+    triangles = np.asarray(cut, dtype=np.int64).reshape(-1, 3)
+    a, b, c = np.moveaxis(flat[triangles], 1, 0)
+    turned = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0] < 0.0
+    triangles[turned] = triangles[turned][:, ::-1]
+    return triangles
+
+
+def _dressed(
+    path: Path,
+    points: NDArray[np.float64],
+    tint: NDArray[np.float64] | None,
+    coordinates: NDArray[np.float64],
+    faces: _Faces,
+    triangles: NDArray[np.int64],
+    face_of: NDArray[np.int64],
+    looks: dict[str, _Look],
+    ledger: Ledger,
+) -> Callable[[NDArray[np.intp], str], TriangleMesh | None]:
+    """Makes a mesh of some of the triangles (and a name for the ledger): with looks, without corners that have no place."""
+    names = list(dict.fromkeys(faces.materials))
+    number = {name: i for i, name in enumerate(names)}
+    for name in names:
+        if name and name not in looks:
+            ledger.note("noted", "material that no .mtl defines: painted", name)
+    shown = [looks.get(name, _Look(PAINTED)) for name in names]
+    look_of = np.array([number[name] for name in faces.materials])[face_of]
+    corners, places = np.array(faces.points)[triangles], np.array(faces.places)[triangles]
+    textures = np.array([look.texture for look in shown])[look_of]
+    colors = np.array([look.color for look in shown], dtype=np.uint8)[look_of]
+    bare = (textures >= 0) & (places == _NOTHING).any(axis=1)
+    if bare.any():
+        ledger.note("noted", "texture without coordinates: its colour only", path.name, count=int(bare.sum()))
+        textures[bare] = PLAIN
+    if tint is not None:
+        mine = textures == PAINTED
+        mean = np.clip(np.nan_to_num(tint[corners].mean(axis=1)), 0.0, 1.0)
+        colors[mine] = np.rint(255.0 * mean[mine]).astype(np.uint8)
+        textures[mine] = PLAIN
+    uv = np.zeros((len(triangles), 3, 2))
+    covered = textures >= 0
+    scale, shift = (np.array([getattr(look, key) for look in shown])[look_of] for key in ("scale", "shift"))
+    uv[covered] = coordinates[places[covered]] * scale[covered, None] + shift[covered, None]
+    uv = np.nan_to_num(uv, posinf=0.0, neginf=0.0)
+
+    def mesh(mine: NDArray[np.intp], name: str) -> TriangleMesh | None:
+        used, own = np.unique(corners[mine], return_inverse=True)
+        own = own.reshape(-1, 3)
+        placed, keep = placed_corners(points[used], own, name, ledger)
+        if not keep.any():
+            return None
+        mine = mine[keep]
+        return TriangleMesh(
+            placed, own[keep].astype(np.int32), textures[mine], colors[mine], uv[mine].astype(np.float32)
+        )
+
+    return mesh

@@ -1,0 +1,91 @@
+"""Encoded pictures of 3D models become textures: opaque sRGB bytes, each picture once however often it is referred to."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from mmi.city.model import Texture
+from mmi.foundation.errors import CityError
+from mmi.reading.report import Ledger
+
+__all__ = ["PictureShelf", "contained_path", "texture_from_bytes"]
+
+_FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "TGA", "GIF")
+_MOST_PIXELS = 1 << 26
+"""A picture of 8192 x 8192; larger ones are taken for a mistake or an attack."""
+
+
+def texture_from_bytes(data: bytes, name: str, ledger: Ledger, *, alpha: bool) -> Texture | None:
+    """The encoded picture as a texture called ``name``; None, and a note, where it cannot be decoded.
+
+    With ``alpha``, what is transparent shows the mean of the opaque colours; else the alpha channel is ignored.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(io.BytesIO(data), formats=_FORMATS) as picture:
+                if picture.width * picture.height > _MOST_PIXELS:
+                    ledger.note("left out", f"picture: more than {_MOST_PIXELS} pixels", name)
+                    return None
+                translucent = alpha and picture.has_transparency_data
+                pixels = np.asarray(picture.convert("RGBA" if translucent else "RGB"))
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):  # whatever PIL throws
+        ledger.note("left out", "picture: it cannot be decoded", name)
+        return None
+    if pixels.shape[2] == 4:
+        weight = pixels[..., 3:] / 255.0
+        if (weight < 1.0).any():
+            ledger.note("noted", "picture with alpha drawn opaque, on its mean colour", name)
+        total = float(weight.sum())
+        solid = pixels[..., :3].astype(np.float64)
+        mean = (solid * weight).sum(axis=(0, 1)) / total if total > 0.0 else solid.mean(axis=(0, 1))
+        pixels = np.rint(solid * weight + mean * (1.0 - weight)).astype(np.uint8)
+    return Texture(name, pixels)
+
+
+def contained_path(folder: Path, reference: str, file: Path) -> Path:
+    """The file in or below ``folder`` that ``reference`` names.
+
+    Raises:
+        CityError: it lies outside; ``file`` is who refers to it.
+    """
+    path = (folder / reference.replace("\\", "/")).resolve()
+    if not path.is_relative_to(folder.resolve()):
+        raise CityError(f"{file}: refers to {reference!r}; expected files in its own folder or below")
+    return path
+
+
+class PictureShelf:
+    """The textures of a model while it is read: equal pictures have one place.
+
+    A name that another picture has already gets a number.
+    """
+
+    def __init__(self, ledger: Ledger) -> None:
+        self._ledger = ledger
+        self._places: dict[tuple[bytes, bool], int | None] = {}
+        self._names: set[str] = set()
+        self._textures: list[Texture] = []
+
+    def place(self, data: bytes, name: str, *, alpha: bool) -> int | None:
+        """Index of the texture of the encoded picture ``data``; None where it cannot be decoded (noted)."""
+        key = (data, alpha)
+        if key not in self._places:
+            unique, n = name, 2
+            while unique in self._names:
+                unique, n = f"{name}#{n}", n + 1
+            texture = texture_from_bytes(data, unique, self._ledger, alpha=alpha)
+            self._places[key] = None if texture is None else len(self._textures)
+            if texture is not None:
+                self._names.add(unique)
+                self._textures.append(texture)
+        return self._places[key]
+
+    def textures(self) -> tuple[Texture, ...]:
+        """All of them, in the order of their places."""
+        return tuple(self._textures)

@@ -1,0 +1,277 @@
+"""Cities in: maps, GIS files and 3D models become a :class:`mmi.city.model.City`, with a report of what was done to them.
+
+``read_city`` tells the way from file to city top to bottom: read (``osm``, ``footprints``), agree on a CRS and a local frame
+(``frame``), mend and raise the buildings (``repair``, ``heights``, ``buildings``), set them on their ground (``ground``), knit
+the streets (``streets``), and account for everything (``report``). 3D models (``cityjson``, ``citygml``, ``meshes``) have
+meshes instead of outlines, and a way of their own (``model_city``).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from pyproj import CRS
+
+from mmi.city.model import City
+from mmi.foundation.errors import CityError, ParameterError
+from mmi.reading.frame import (
+    Box,
+    agree_on_crs,
+    box_to_frame,
+    check_not_swapped,
+    choose_frame,
+    coordinate_bounds,
+    lonlat_bounds,
+    meets_box,
+    parse_crs,
+    to_frame,
+    within_clip,
+)
+from mmi.reading.ground.ground import ground_of_file, raised
+from mmi.reading.maps.buildings import merge_blocks, objects_from_outlines
+from mmi.reading.maps.footprints import GDAL_SUFFIXES, read_footprints, read_street_lines
+from mmi.reading.maps.osm import is_osm, read_osm
+from mmi.reading.maps.streets import graph_from_lines, moved_lines
+from mmi.reading.maps.sumo import is_sumo, read_sumo
+from mmi.reading.models.model_city import city_of_model, is_model, read_model
+from mmi.reading.raw_layers import BuildingLayer, StreetLayer
+from mmi.reading.report import CityReport, Ledger, Tally
+
+__all__ = ["CityReport", "Tally", "read_city"]
+
+_GROUND = 0.0
+
+
+def read_city(
+    path: Path,
+    *,
+    streets: Path | None = None,
+    crs: str | None = None,
+    network: str = "drive",
+    objects: str = "buildings",
+    clip: tuple[float, float, float, float] | None = None,
+    height_column: str | None = None,
+    levels_column: str | None = None,
+    id_column: str | None = None,
+    buildings_layer: str | None = None,
+    streets_layer: str | None = None,
+    terrain: Path | None = None,
+    lod: str | None = None,
+    up: str = "auto",
+) -> tuple[City, CityReport]:
+    """Read the buildings and streets of ``path`` (streets from ``streets`` if given) into a local metric frame.
+
+    Args:
+        path: OpenStreetMap ``.osm`` or ``.osm.pbf``, a file that GDAL reads, a folder of those, or a 3D model: CityJSON
+            (also a sequence), CityGML, glTF, OBJ, PLY, STL.
+        streets: a second file, a map or GIS file as above, or a SUMO network.
+        crs: replaces the CRS that a file declares or lacks (never OpenStreetMap's).
+        network: which streets: ``drive`` (cars), ``walk``, ``all``.
+        objects: ``buildings``, or ``blocks`` of touching buildings.
+        clip: west, south, east, north in degrees; buildings that meet the box stay whole, streets are cut at it.
+        height_column: column of heights in metres; like all names below guessed if None.
+        levels_column: column of numbers of levels.
+        id_column: column of ids that stay the same when the file changes.
+        buildings_layer: layer of buildings, or several with commas between.
+        streets_layer: layer of streets, or several with commas between.
+        terrain: a raster, points or contour lines with the heights of the ground; else flat, or what a model says.
+        lod: level of detail of a model's buildings (``"1"``, ``"2.2"``); else the highest of each.
+        up: the axis of a mesh that points up: ``y``, ``z`` or ``auto``.
+
+    Returns:
+        The city and the account of everything that was read.
+
+    Raises:
+        CityError: the files do not hold a usable city; one line says what was found, where, and what to do.
+        ParameterError: an option means nothing.
+    """
+    _check_options(network, objects, clip, lod, up)
+    override = None if crs is None else parse_crs(crs)
+    for file in (path, streets, terrain):
+        if file is not None and not file.exists():
+            raise CityError(f"{file}: no such file or folder")
+    ledger = Ledger()
+    columns = {
+        "--buildings-layer": buildings_layer,
+        "--height-column": height_column,
+        "--levels-column": levels_column,
+        "--id-column": id_column,
+    }
+    try:
+        file = _the_file(path)
+        if is_model(file):
+            _refuse_columns(path, "a 3D model", columns)
+            if objects == "blocks":
+                raise ParameterError(f"--objects: buildings expected, as {path} is a 3D model, found 'blocks'")
+            layer = read_model(file, ledger, lod=lod, up=up, crs=override)
+            own_metres = layer.crs is None and override is None
+            lines = (
+                None
+                if streets is None
+                else _read_streets(_the_file(streets), ledger, layer=streets_layer, local=own_metres)
+            )
+            city = city_of_model(
+                layer,
+                lines,
+                ledger,
+                source=path.name,
+                network=network,
+                override=override,
+                clip=clip,
+                terrain=terrain,
+            )
+            return city, _accounted(city, ledger)
+        if lod is not None:
+            raise ParameterError(f"--lod: a 3D model expected, found {path}")
+        buildings = _read_buildings(file, ledger, columns)
+        lines = _read_streets(
+            file if streets is None else _the_file(streets), ledger, layer=streets_layer, buildings=buildings
+        )
+    except OSError as error:
+        raise CityError(f"{error.filename or path}: cannot be read: {error.strerror or error}") from error
+    building_crs, street_crs = agree_on_crs(buildings, lines, override)
+    check_not_swapped(buildings.file, [item.geometry for item in buildings.items], building_crs)
+    if clip is not None:
+        buildings, lines = _clip_layers(buildings, lines, building_crs, street_crs, clip, ledger)
+    bounds = coordinate_bounds([item.geometry for item in buildings.items])
+    frame = choose_frame(buildings.file, bounds, building_crs, lonlat_bounds(buildings.file, bounds, building_crs))
+    if frame.why and not building_crs.is_geographic:
+        ledger.warn(f"{buildings.file}: {frame.why}")
+
+    shapes = to_frame([item.geometry for item in buildings.items], building_crs, frame)
+    solids = objects_from_outlines(buildings, shapes, ledger, ground=_GROUND)
+    relief = None if terrain is None else ground_of_file(terrain, frame, coordinate_bounds(list(shapes)), ledger)
+    if relief is not None:
+        solids = raised(solids, relief)
+    ledger.note("kept", "buildings", count=len(solids))
+    if objects == "blocks":
+        solids = merge_blocks(solids, ledger)
+        ledger.note("kept", "objects (blocks)", count=len(solids))
+
+    graph = graph_from_lines(
+        lines,
+        moved_lines(lines, street_crs, frame),
+        solids,
+        ledger,
+        network=network,
+        ground=_GROUND if relief is None else relief,
+        window=None if clip is None else box_to_frame(clip, frame),
+    )
+    city = City(solids, graph, frame.crs, frame.origin, path.name, _GROUND, relief)
+    return city, _accounted(city, ledger)
+
+
+def _accounted(city: City, ledger: Ledger) -> CityReport:
+    """The report, with what the city consists of."""
+    metres = sum(edge["geometry"].length for _, _, edge in city.streets.edges(data=True))
+    ledger.note("kept", "prisms", count=sum(len(one.prisms) for one in city.objects))
+    triangles = sum(len(one.mesh.triangles) for one in city.objects if one.mesh is not None)
+    if triangles:
+        ledger.note("kept", "buildings", count=len(city.objects))
+        ledger.note("kept", "triangles", count=triangles)
+    if city.textures:
+        ledger.note("kept", "pictures", count=len(city.textures))
+    ledger.note("kept", "street edges between junctions", count=city.streets.number_of_edges(), metres=metres)
+    return ledger.report(source=city.source, crs=city.crs, origin=city.origin)
+
+
+def _refuse_columns(path: Path, what: str, columns: Mapping[str, str | None]) -> None:
+    """Options of layers and columns mean nothing where there are none."""
+    for option, value in columns.items():
+        if value is not None:
+            raise ParameterError(f"{option}: {path} is {what}, which has neither layers nor columns; found {value!r}")
+
+
+def _check_options(network: str, objects: str, clip: Box | None, lod: str | None, up: str) -> None:
+    if network not in {"drive", "walk", "all"}:
+        raise ParameterError(f"--network: expected drive, walk or all, found {network!r}")
+    if objects not in {"buildings", "blocks"}:
+        raise ParameterError(f"--objects: expected buildings or blocks, found {objects!r}")
+    if lod is not None and not re.fullmatch(r"[0-4](\.[0-9])?", lod):
+        raise ParameterError(f"--lod: a level of detail such as 2 or 1.3 expected, found {lod!r}")
+    if up not in {"auto", "y", "z"}:
+        raise ParameterError(f"--up: expected auto, y or z, found {up!r}")
+    if clip is not None:
+        west, south, east, north = clip
+        if not (-180 <= west < east <= 180 and -90 <= south < north <= 90):
+            raise ParameterError(f"--clip: expected west < east and south < north in degrees, found {clip}")
+
+
+def _the_file(path: Path) -> Path:
+    """``path``, or the one OpenStreetMap file or 3D model in a folder that holds nothing else to read."""
+    if not path.is_dir():
+        return path
+    inside = sorted(one for one in path.iterdir() if one.is_file())
+    extracts = [one for one in inside if one.name.lower().endswith((".osm", ".pbf"))]
+    alone = len(extracts) == 1 and not any(one.suffix.lower() in GDAL_SUFFIXES for one in inside)
+    if alone:
+        return extracts[0]
+    models = [one for one in inside if is_model(one)]
+    return models[0] if len(models) == 1 else path
+
+
+def _read_buildings(file: Path, ledger: Ledger, columns: Mapping[str, str | None]) -> BuildingLayer:
+    """The buildings of ``file``, at least one."""
+    if file.is_file() and is_osm(file):
+        _refuse_columns(file, "OpenStreetMap", columns)
+        found, _ = read_osm(file, ledger, buildings=True, streets=False)
+    else:
+        found = read_footprints(
+            file,
+            ledger,
+            layer=columns["--buildings-layer"],
+            height_column=columns["--height-column"],
+            levels_column=columns["--levels-column"],
+            id_column=columns["--id-column"],
+        )
+    if not found.items:
+        lost = ledger.count("left out")
+        raise CityError(
+            f"{file}: no buildings; expected outlines tagged building, or polygons"
+            + (f" ({lost} unusable)" if lost else "")
+        )
+    return found
+
+
+def _read_streets(
+    file: Path, ledger: Ledger, *, layer: str | None, buildings: BuildingLayer | None = None, local: bool = False
+) -> StreetLayer:
+    """The streets of ``file``: at least one line. ``local``: a SUMO network keeps its own metres."""
+    found: StreetLayer | None
+    if file.is_file() and is_osm(file):
+        if layer is not None:
+            raise ParameterError(f"--streets-layer: {file} is OpenStreetMap, which has no layers; found {layer!r}")
+        _, found = read_osm(file, ledger, buildings=False, streets=True)
+    elif file.is_file() and is_sumo(file):
+        if layer is not None:
+            raise ParameterError(f"--streets-layer: {file} is a SUMO network, which has no layers; found {layer!r}")
+        found = read_sumo(file, ledger, local=local)
+    else:
+        found = read_street_lines(file, ledger, layer=layer)
+    if found is None or not found.items:
+        also = buildings is None or any(
+            "height" in item.tags or "building:levels" in item.tags for item in buildings.items
+        )
+        nor = "" if also else ", nor has any building a height (--height-column, --levels-column)"
+        raise CityError(
+            f"{file}: no streets: no line layer or highways in it{nor}; expected them here or as --streets FILE"
+        )
+    return found
+
+
+def _clip_layers(
+    buildings: BuildingLayer, lines: StreetLayer, building_crs: CRS, street_crs: CRS, clip: Box, ledger: Ledger
+) -> tuple[BuildingLayer, StreetLayer]:
+    """Only what meets the box by its own bounding box; the rest is counted."""
+    near = meets_box([item.geometry for item in buildings.items], building_crs, clip)
+    street_near = np.array([meets_box(item.lines, street_crs, clip).any() for item in lines.items])
+    return (
+        replace(
+            buildings, items=within_clip(buildings.items, near, clip, ledger, file=buildings.file, kind="building")
+        ),
+        replace(lines, items=within_clip(lines.items, street_near, clip, ledger, file=lines.file, kind="street")),
+    )

@@ -1,0 +1,50 @@
+"""The walls of a city as arrays, sorted by object: what visibility, parallax and windows are computed over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from mmi.city.model import City
+
+__all__ = ["Walls", "walls_of"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Walls:
+    """Every wall of a city: from ``a`` (n, 2) to ``b`` (n, 2), between heights ``bottom`` and ``top`` (n,), metres.
+
+    Sorted by object: object i owns walls ``first[i]`` to ``first[i + 1]``.
+    """
+
+    a: NDArray[np.float64]
+    b: NDArray[np.float64]
+    bottom: NDArray[np.float64]
+    top: NDArray[np.float64]
+    first: NDArray[np.int64]
+
+    def of(self, objects: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Indices of the walls of ``objects``, object after object."""
+        counts = self.first[objects + 1] - self.first[objects]
+        starts = np.repeat(self.first[objects] - (np.cumsum(counts) - counts), counts)
+        return starts + np.arange(counts.sum())
+
+
+def walls_of(city: City) -> Walls:
+    """The walls of all prisms of all objects, courtyards included."""
+    prisms = [(i, prism) for i, one in enumerate(city.objects) for prism in one.prisms]
+    rings, prism_of_ring = shapely.get_rings([prism.footprint for _, prism in prisms], return_index=True)
+    coordinates, ring = shapely.get_coordinates(rings, return_index=True)
+    joined = ring[1:] == ring[:-1]
+    prism_of_wall = prism_of_ring[ring[:-1][joined]]
+    owner = np.array([i for i, _ in prisms], dtype=np.int64)[prism_of_wall]
+    bottom = np.array([prism.bottom for _, prism in prisms])[prism_of_wall]
+    top = np.array([prism.top for _, prism in prisms])[prism_of_wall]
+    first = np.searchsorted(owner, np.arange(len(city.objects) + 1))
+    arrays = (coordinates[:-1][joined], coordinates[1:][joined], bottom, top, first)
+    for array in arrays:
+        array.setflags(write=False)
+    return Walls(*arrays)

@@ -1,0 +1,285 @@
+"""OpenStreetMap: small files whose city is known by hand."""
+
+from __future__ import annotations
+
+import pytest
+from city_files import OsmFile
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mmi.foundation.errors import CityError
+from mmi.reading.maps.osm import join_rings
+from mmi.reading.read_city import read_city
+
+STREET = [(-50.0, -10.0), (0.0, -10.0), (50.0, -10.0)]
+
+
+def tally(report, section, what):
+    return sum(one.count for one in report.sections()[section] if one.what == what)
+
+
+def with_street() -> OsmFile:
+    osm = OsmFile()
+    osm.way(900, STREET, highway="residential", name="High Street")
+    return osm
+
+
+def area(city_object):
+    return city_object.footprint.area
+
+
+@pytest.mark.parametrize("ways_first", [False, True])
+def test_a_house_and_a_street(tmp_path, ways_first):
+    osm = with_street()
+    osm.box(1, 0, 0, 20, 10, building="yes", height="12,5")
+    city, report = read_city(osm.write(tmp_path / "tiny.osm", ways_first=ways_first))
+    assert city.crs == "EPSG:32632"
+    assert city.source == "tiny.osm"
+    assert all(part % 10 == 0 for part in city.origin)
+    (house,) = city.objects
+    assert house.id == "way/1"
+    assert (house.base, house.top) == (0.0, 12.5)
+    assert area(house) == pytest.approx(200, rel=0.01)
+    ((_, _, edge),) = city.streets.edges(data=True)
+    assert edge["geometry"].length == pytest.approx(100, rel=0.01)
+    assert (edge["kind"], edge["name"], edge["half_width"], edge["index"]) == ("residential", "High Street", 3.0, 0)
+    assert tally(report, "read", "buildings") == 1
+    # x and y are near the origin: within the frame, not swapped, not kilometres off.
+    assert max(abs(one) for one in city.bounds) < 100
+
+
+def courtyard(osm):
+    osm.way(11, [(0.0, 0.0), (40.0, 0.0), (40.0, 40.0)])
+    osm.way(12, [(0.0, 0.0), (0.0, 40.0), (40.0, 40.0)])
+    osm.box(13, 10, 10, 30, 30)
+
+
+def test_a_courtyard_of_a_multipolygon_is_open(tmp_path):
+    osm = with_street()
+    courtyard(osm)
+    osm.relation(
+        5, [(11, "outer"), (12, "outer"), (13, "inner")], type="multipolygon", building="yes", building__levels="5"
+    )
+    city, report = read_city(osm.write(tmp_path / "a.osm"))
+    (block,) = city.objects
+    assert block.id == "relation/5"
+    assert area(block) == pytest.approx(1600 - 400, rel=0.01)
+    assert len(block.prisms[0].footprint.interiors) == 1
+    assert block.top == pytest.approx(16.0)
+    assert tally(report, "inferred", "height from building:levels x 3.2 m") == 1
+
+
+def test_broken_relations_are_survived_and_counted(tmp_path):
+    osm = with_street()
+    courtyard(osm)
+    osm.relation(5, [(11, "outer"), (77, "outer"), (13, "inner")], type="multipolygon", building="yes")
+    osm.relation(6, [(11, "outer"), (12, "outer"), (78, "inner")], type="multipolygon", building="yes", height="9")
+    osm.relation(7, [(11, "outer")], type="building", building="yes")
+    city, report = read_city(osm.write(tmp_path / "a.osm"))
+    assert [one.id for one in city.objects] == ["relation/6"]
+    assert area(city.objects[0]) == pytest.approx(1600, rel=0.01)
+    assert tally(report, "left out", "building: relation whose outer ring is incomplete") == 1
+    assert tally(report, "left out", "building: relation of type building, only groups others") == 1
+    assert tally(report, "repaired", "relation with an incomplete courtyard: courtyard filled") == 1
+
+
+def test_the_outer_way_of_a_building_is_not_a_second_building(tmp_path):
+    osm = with_street()
+    osm.box(1, 0, 0, 20, 20, building="yes", height="5")
+    osm.box(2, 5, 5, 9, 9)
+    osm.relation(5, [(1, "outer"), (2, "inner")], type="multipolygon", building="yes", height="8")
+    city, report = read_city(osm.write(tmp_path / "a.osm"))
+    assert [one.id for one in city.objects] == ["relation/5"]
+    assert tally(report, "left out", "building: outline of a relation that was read") == 1
+
+
+def test_parts_replace_the_outline_where_they_cover_it(tmp_path):
+    osm = with_street()
+    osm.box(1, 0, 0, 30, 10, building="yes", height="8")
+    osm.box(2, 0, 0, 10, 10, building__part="yes", height="40")
+    osm.box(3, 10, 0, 20, 10, building__part="yes", height="12", min_height="4")
+    city, report = read_city(osm.write(tmp_path / "a.osm"))
+    (house,) = city.objects
+    spans = sorted((p.bottom, p.top, round(p.footprint.area, -1)) for p in house.prisms)
+    assert spans == [(0.0, 8.0, 100.0), (0.0, 40.0, 100.0), (4.0, 12.0, 100.0)]
+    assert tally(report, "kept", "building parts as prisms of their building") == 2
+    assert tally(report, "noted", "building outline kept where its parts leave a gap") == 1
+
+
+def test_storeys_that_the_mapper_left_to_the_outline_go_on_below_floating_parts(tmp_path):
+    osm = with_street()
+    osm.box(1, 0, 0, 30, 10, building="yes", height="8")
+    osm.box(2, 0, 0, 20, 10, building__part="yes", height="20", min_height="8")
+    osm.box(3, 5, 0, 15, 10, building__part="yes", height="30", min_height="20")
+    osm.box(4, 20, 0, 30, 10, building__part="yes", height="12")
+    city, report = read_city(osm.write(tmp_path / "a.osm"))
+    (house,) = city.objects
+    spans = sorted((p.bottom, p.top, round(p.footprint.area, -1)) for p in house.prisms)
+    assert spans == [(0.0, 8.0, 200.0), (0.0, 12.0, 100.0), (8.0, 20.0, 200.0), (20.0, 30.0, 100.0)]
+    assert tally(report, "repaired", "storeys below parts that would float, from the building's outline") == 1
+
+
+def test_a_part_without_height_takes_its_buildings(tmp_path):
+    osm = with_street()
+    osm.box(1, 0, 0, 20, 10, building="yes", height="21")
+    osm.box(2, 0, 0, 10, 10, building__part="yes")
+    osm.box(3, 40, 0, 50, 10, building="yes", height="3")
+    city, report = read_city(osm.write(tmp_path / "a.osm"))
+    assert {prism.top for prism in city.objects[0].prisms} == {21.0}
+    assert tally(report, "inferred", "height of a part from its building") == 1
+
+
+def test_what_is_not_above_the_ground_is_left_out_with_its_reason(tmp_path):
+    osm = with_street()
+    osm.box(1, 0, 0, 20, 10, building="yes", height="5")
+    osm.box(2, 30, 0, 40, 10, building="no")
+    osm.box(3, 50, 0, 60, 10, building="garage", location="underground")
+    osm.box(4, 70, 0, 80, 10, building="garage", layer="-1")
+    osm.way(5, [(0.0, 90.0), (9.0, 90.0), (9.0, 99.0), (0.0, 99.0)], building="yes")
+    osm.lose_node(20.0, 120.0)
+    osm.box(6, 0, 100, 20, 120, building="yes")
+    city, report = read_city(osm.write(tmp_path / "a.osm"))
+    assert [one.id for one in city.objects] == ["way/1"]
+    assert tally(report, "read", "buildings") == 6
+    assert sum(one.count for one in report.left_out) == 5
+    assert tally(report, "left out", "building: outline not closed") == 1
+    assert tally(report, "left out", "building: nodes missing from the file") == 1
+
+
+def crossroads() -> OsmFile:
+    osm = OsmFile()
+    osm.box(1, 20, 20, 40, 40, building="yes", height="10")
+    osm.way(101, [(-100.0, 0.0), (0.0, 0.0), (100.0, 0.0)], highway="residential")
+    osm.way(102, [(0.0, -100.0), (0.0, 0.0), (0.0, 100.0)], highway="primary", lanes="4")
+    osm.way(103, [(0.0, 0.0), (50.0, 50.0)], highway="footway", width="4 m")
+    osm.way(104, [(-50.0, -50.0), (-50.0, 50.0)], highway="secondary", bridge="yes")  # crosses 101 without a node
+    osm.way(105, [(-20.0, -50.0), (-20.0, 50.0)], highway="secondary", tunnel="yes")
+    osm.way(106, [(-30.0, -50.0), (-30.0, 50.0)], highway="residential", access="private")
+    osm.way(107, [(-40.0, -50.0), (-40.0, 50.0)], highway="motorway")
+    osm.way(108, [(60.0, -50.0), (90.0, -50.0), (90.0, -80.0), (60.0, -50.0)], highway="pedestrian", area="yes")
+    osm.way(109, [(60.0, 50.0), (90.0, 50.0)], highway="platform")
+    osm.way(110, [(60.0, 60.0), (90.0, 60.0)], highway="footway", footway="sidewalk")
+    return osm
+
+
+def kinds(city):
+    return sorted(edge["kind"] for _, _, edge in city.streets.edges(data=True))
+
+
+def test_networks_and_junctions(tmp_path):
+    path = crossroads().write(tmp_path / "a.osm")
+    drive, report = read_city(path, network="drive")
+    assert kinds(drive) == ["motorway", "primary", "primary", "residential", "residential", "secondary"]
+    assert max(dict(drive.streets.degree()).values()) == 4
+    assert tally(report, "left out", "street: tunnel") == 1
+    assert tally(report, "left out", "street: access=private") == 1
+    assert tally(report, "left out", "street: an area") == 1
+    assert tally(report, "left out", "street: not a street (construction, platform, elevator, ...)") == 1
+    assert tally(report, "left out", "street: not for --network drive") == 2
+    assert tally(report, "noted", "bridge kept on the ground") == 1
+    walk, report = read_city(path, network="walk")
+    # The footway runs into the building and is cut there: from the crossing to its corner, and a bit behind.
+    assert kinds(walk) == ["footway", "footway", "primary", "primary", "residential", "residential", "secondary"]
+    (cut,) = [one for one in report.repaired if one.what == "street cut where it runs through buildings"]
+    assert cut.metres == pytest.approx(20 * 2**0.5, rel=0.01)
+    every, _ = read_city(path, network="all")
+    assert kinds(every) == sorted([*kinds(walk), "motorway"])
+    widths = {edge["kind"]: edge["half_width"] for _, _, edge in every.streets.edges(data=True)}
+    assert (widths["primary"], widths["footway"], widths["residential"]) == (6.0, 2.0, 3.0)
+
+
+def test_edges_run_from_the_lower_node_and_end_at_their_nodes(tmp_path):
+    city, _ = read_city(crossroads().write(tmp_path / "a.osm"), network="all")
+    for a, b, edge in city.streets.edges(data=True):
+        low, high = sorted((a, b))
+        line = edge["geometry"]
+        for number, point in ((low, line.coords[0]), (high, line.coords[-1])):
+            assert (city.streets.nodes[number]["x"], city.streets.nodes[number]["y"]) == point
+    indices = [edge["index"] for _, _, edge in city.streets.edges(data=True)]
+    assert sorted(indices) == list(range(len(indices)))
+
+
+def test_a_street_with_missing_nodes_is_shortened(tmp_path):
+    osm = crossroads()
+    osm.way(120, [(0.0, 0.0), (0.0, -20.0), (1.0, -40.0), (0.0, -60.0), (0.0, -80.0)], highway="tertiary")
+    osm.lose_node(1.0, -40.0)
+    city, report = read_city(osm.write(tmp_path / "a.osm"))
+    lengths = [edge["geometry"].length for _, _, edge in city.streets.edges(data=True) if edge["kind"] == "tertiary"]
+    assert lengths == pytest.approx([20, 20], rel=0.01)
+    assert tally(report, "repaired", "street shortened where nodes are missing") == 1
+
+
+def test_streets_stop_200_m_outside_the_buildings(tmp_path):
+    osm = OsmFile()
+    osm.box(1, 0, 0, 100, 100, building="yes", height="10")
+    osm.way(2, [(-500.0, -10.0), (500.0, -10.0)], highway="residential")
+    osm.way(3, [(500.0, 0.0), (600.0, 0.0)], highway="residential")
+    city, report = read_city(osm.write(tmp_path / "a.osm"))
+    ((_, _, edge),) = city.streets.edges(data=True)
+    assert edge["geometry"].length == pytest.approx(500, rel=0.01)
+    assert tally(report, "left out", "street: outside the city's window") == 1
+    assert tally(report, "repaired", "street cut at the city's window") == 1
+
+
+def test_elevated_parts_leave_room_for_streets(tmp_path):
+    osm = OsmFile()
+    osm.way(2, [(-50.0, 5.0), (150.0, 5.0)], highway="residential")
+    osm.box(1, 0, 0, 20, 10, building="yes", height="10", min_height="4")
+    osm.box(3, 60, 0, 80, 10, building="yes", height="10", min_height="2")
+    city, report = read_city(osm.write(tmp_path / "a.osm"))
+    lengths = sorted(edge["geometry"].length for _, _, edge in city.streets.edges(data=True))
+    assert lengths == pytest.approx([70, 110], rel=0.01)
+    (cut,) = [one for one in report.repaired if "through buildings" in one.what]
+    assert cut.metres == pytest.approx(20, rel=0.01)
+
+
+def test_clip_keeps_whole_buildings_and_cuts_streets(tmp_path):
+    osm = with_street()
+    osm.box(1, -5, 0, 20, 10, building="yes", height="5")
+    osm.box(2, -40, 0, -20, 10, building="yes", height="5")
+    path = osm.write(tmp_path / "a.osm")
+    city, report = read_city(path, clip=(9.0, 47.99, 9.1, 48.01))  # x > 0
+    assert [one.id for one in city.objects] == ["way/1"]
+    assert area(city.objects[0]) == pytest.approx(250, rel=0.01)
+    ((_, _, edge),) = city.streets.edges(data=True)
+    assert edge["geometry"].length == pytest.approx(50, rel=0.02)
+    assert tally(report, "left out", "building: outside --clip") == 1
+    with pytest.raises(CityError, match="no buildings within --clip"):
+        read_city(path, clip=(10.0, 47.0, 11.0, 48.0))
+
+
+def test_nothing_to_build_is_refused_with_a_way_out(tmp_path):
+    only_street = with_street().write(tmp_path / "s.osm")
+    with pytest.raises(CityError, match="no buildings"):
+        read_city(only_street)
+    osm = OsmFile()
+    osm.box(1, 0, 0, 20, 10, building="yes", height="5")
+    with pytest.raises(CityError, match=r"no streets.*--streets FILE"):
+        read_city(osm.write(tmp_path / "b.osm"))
+    osm.way(2, [(0.0, -5.0), (50.0, -5.0)], highway="footway")
+    with pytest.raises(CityError, match=r"no streets for --network drive; found only 1 footway"):
+        read_city(osm.write(tmp_path / "c.osm"))
+    assert kinds(read_city(tmp_path / "c.osm", network="walk")[0]) == ["footway"]
+    assert kinds(read_city(tmp_path / "b.osm", streets=only_street)[0]) == ["residential"]
+    osm = with_street()
+    osm.box(1, 0, 0, 20, 10, building="yes")
+    osm.box(2, 30, 0, 40, 10, building="roof")
+    with pytest.raises(CityError, match="none of 2 buildings has a height"):
+        read_city(osm.write(tmp_path / "d.osm"))
+
+
+@given(st.lists(st.integers(3, 8), min_size=1, max_size=3), st.randoms(use_true_random=False))
+def test_rings_are_joined_from_any_pieces(sizes, random):
+    ways, first = [], 0
+    for size in sizes:
+        ring = [*range(first, first + size), first]
+        first += size
+        cuts = sorted(random.sample(range(1, size), random.randint(0, min(3, size - 1))))
+        for start, stop in zip([0, *cuts], [*cuts, size], strict=True):
+            piece = ring[start : stop + 1]
+            ways.append(tuple(piece if random.random() < 0.5 else piece[::-1]))
+    random.shuffle(ways)
+    rings, left_over = join_rings(ways)
+    assert left_over == 0
+    assert sorted(len(ring) - 1 for ring in rings) == sorted(sizes)
+    assert all(ring[0] == ring[-1] and len(set(ring)) == len(ring) - 1 for ring in rings)

@@ -1,0 +1,167 @@
+"""``compare-impostors`` as a user meets it: what it writes, and one line for each mistake."""
+
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from mmi.dataset.reading import open_dataset
+from viewer.programs.compare_impostors import compare_impostors
+from viewer.walks.walk import Keyframe, Pose, Walk, write_walk
+
+QUICK = ["--techniques", "local,multi-mesh", "--no-flip", "--worst", "1"]
+
+
+def run(capsys, *arguments):
+    """(exit status, output, errors)."""
+    with pytest.raises(SystemExit) as left:
+        compare_impostors([str(one) for one in arguments])
+    captured = capsys.readouterr()
+    return left.value.code, captured.out, captured.err
+
+
+def test_views_are_compared_and_a_table_is_printed(capsys, dataset, tmp_path):
+    status, out, err = run(capsys, dataset.path, "-o", tmp_path / "r", "--views", 2, *QUICK)
+    assert (status, err) == (0, "")
+    assert re.search(r"^local +\d", out, re.MULTILINE)
+    assert re.search(r"^multi-mesh +0\.\d+ +0\.\d+", out, re.MULTILINE)
+    assert out.rstrip().endswith("report.html")
+    assert json.loads((tmp_path / "r" / "report.json").read_text())["views"] == 2
+
+
+def test_json_is_all_there_is_on_standard_output(capsys, dataset, tmp_path):
+    status, out, _ = run(capsys, dataset.path, "-o", tmp_path, "--views", 1, "--json", *QUICK)
+    assert status == 0
+    assert json.loads(out) == json.loads((tmp_path / "report.json").read_text())
+
+
+def test_a_tour_is_saved_and_walked_again(capsys, dataset, tmp_path):
+    walk = tmp_path / "walk.json"
+    walks = ["--fps", 2, "--scored", 2, "--json", *QUICK]
+    status, out, _ = run(capsys, dataset.path, "-o", tmp_path / "a", "--tour", 30, "--save-path", walk, *walks)
+    assert status == 0
+    tour = json.loads(out)
+    assert tour["mode"] == "tour"
+    assert tour["walk"]["metres"] == pytest.approx(30.0, abs=2.0)
+    status, out, _ = run(capsys, dataset.path, "-o", tmp_path / "b", "--path", walk, *walks)
+    assert status == 0
+    again = json.loads(out)
+    assert again["mode"] == "path"
+    assert again["series"]["multi-mesh"]["cell"] == tour["series"]["multi-mesh"]["cell"]
+    assert again["scored"] == tour["scored"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--views", "0"], "at least 1"),
+        (["--views", "x"], "--views"),
+        (["--views", "1", "--tour"], "--tour"),
+        (["--techniques", "full,magic"], "--techniques.*magic"),
+        (["--techniques", ","], "--techniques"),
+        (["--video"], "--video.*walk"),
+        (["--save-path", "x.json"], "--save-path"),
+        (["--tour", "-5"], "tour of more than 0 m"),
+        (["--tour", "nan"], "tour of more than 0 m"),
+        (["--tour", "9", "--speed", "0"], "speed"),
+        (["--tour", "9", "--fps", "0"], "--fps"),
+        (["--tour", "9", "--fade", "-1"], "--fade"),
+        (["--antialias", "-2"], "--antialias"),
+        (["--antialias", "3"], "--antialias"),
+        (["--tour", "9000", "--video", "webp"], "--video.*mp4"),
+        (["--cache", "0"], "--cache"),
+        (["--cache", "nan"], "--cache"),
+        (["--cache", "inf"], "--cache"),
+        (["--worst", "-1"], "--worst"),
+        (["--path", "missing.json"], "missing.json"),
+        (["--seed", "-1", "--views", "1"], "seed"),
+    ],
+)
+def test_a_wrong_option_gets_one_line(capsys, dataset, tmp_path, arguments, said):
+    status, out, err = run(capsys, dataset.path, "-o", tmp_path / "r", *arguments)
+    assert status == 2
+    assert out == ""
+    assert err.count("\n") == 1
+    assert re.search(said, err), err
+    assert err.startswith("compare-impostors: error: ")
+
+
+def test_a_wrong_dataset_gets_one_line(capsys, tmp_path, dataset):
+    (tmp_path / "file").write_text("x")
+    (tmp_path / "empty").mkdir()
+    for wrong in ("nowhere", "file", "empty"):
+        status, _, err = run(capsys, tmp_path / wrong, "-o", tmp_path / "r")
+        assert status == 2
+        assert err.count("\n") == 1
+        assert wrong in err
+    status, _, err = run(capsys, dataset.path, "-o", tmp_path / "file")
+    assert (status, err.count("\n")) == (2, 1)
+    assert not (tmp_path / "r").exists()
+
+
+@pytest.mark.parametrize("kind", ["missing", "truncated", "tampered"])
+@pytest.mark.parametrize("name", ["manifest.json", "city.json", "city.glb", "cells/*.glb", "cells/*.exr"])
+def test_damaged_files_get_one_line_and_no_picture(capsys, tmp_path, dataset, name, kind):
+    copy = tmp_path / "copy"
+    shutil.copytree(dataset.path, copy)
+    for file in copy.glob(name):
+        data = file.read_bytes()
+        if kind == "missing":
+            file.unlink()
+        elif kind == "truncated":
+            file.write_bytes(data[: len(data) // 3])
+        else:
+            place = data.index(b"1", len(data) // 3) if b"1" in data[len(data) // 3 :] else len(data) - 1
+            file.write_bytes(data[:place] + b"2" + data[place + 1 :])
+    status, out, err = run(capsys, copy, "-o", tmp_path / "r", "--views", 3, *QUICK)
+    assert status == 2
+    assert out == ""
+    assert err.count("\n") == 1
+    assert re.search(name.replace("*", "[^ ]*"), err), err
+    assert not (tmp_path / "r" / "report.html").exists()
+
+
+def test_a_walk_that_leaves_the_city_is_walked_all_the_same(capsys, dataset, tmp_path):
+    """Off the streets, the nearest cell is drawn."""
+    away = Walk("away", (Keyframe(0.0, Pose((0, 10, 1.7), 0.0, 0.0)), Keyframe(9.0, Pose((900, 500, 90), 1.0, -0.3))))
+    write_walk(away, tmp_path / "away.json")
+    status, out, _ = run(
+        capsys, dataset.path, "-o", tmp_path, "--path", tmp_path / "away.json", "--fps", 1, "--json", *QUICK
+    )
+    assert status == 0
+    assert set(json.loads(out)["series"]["multi-mesh"]["cell"]) <= {one.id for one in open_cells(dataset)}
+
+
+def open_cells(dataset):
+    from viewer.scene.scene import open_scene
+
+    return open_scene(open_dataset(dataset.path), name="multi-mesh").whereabouts.cells
+
+
+def test_help_shows_examples_whose_options_exist(capsys):
+    status, out, _ = run(capsys, "--help")
+    assert status == 0
+    examples = re.findall(r"^  (compare-impostors [^ ].*?)(?:   .*)?$", out, re.MULTILINE)
+    assert len(examples) >= 3
+    known = set(re.findall(r"--[a-z-]+", out.split("examples:")[0]))
+    for example in examples:
+        assert {word for word in shlex.split(example) if word.startswith("--")} <= known
+
+
+def test_ctrl_c_leaves_with_130_and_one_line(dataset, tmp_path):
+    code = (
+        "import _thread, threading, viewer.report.compare as c\n"
+        "from viewer.programs.compare_impostors import compare_impostors\n"
+        "real = c._scenes\n"
+        "c._scenes = lambda *a: (_thread.interrupt_main(), real(*a))[1]\n"
+        "compare_impostors()"
+    )
+    command = [sys.executable, "-c", code, str(dataset.path), "-o", str(tmp_path), "--views", "3", *QUICK]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 130
+    assert done.stderr.count("\n") == 1
+    assert "interrupted" in done.stderr

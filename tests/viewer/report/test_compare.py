@@ -1,0 +1,161 @@
+"""Comparisons of a small dataset, from end to end."""
+
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from PIL import Image
+
+import viewer
+from mmi.foundation.errors import DatasetError, ParameterError
+from viewer.report.compare import CompareOptions, compare_views, compare_walk
+from viewer.techniques.catalogue import TECHNIQUES
+from viewer.walks.walk import Keyframe, Pose, Walk
+
+SCHEMA = json.loads((Path(viewer.__file__).parent / "report" / "schemas" / "report.json").read_text())
+WALK = Walk("east", (Keyframe(0.0, Pose((20.0, 0.0, 1.7), 0.2, 0.0)), Keyframe(4.0, Pose((60.0, 0.0, 1.7), -0.2, 0.0))))
+
+
+@pytest.fixture(scope="module")
+def views(dataset, tmp_path_factory):
+    out = tmp_path_factory.mktemp("views")
+    return out, compare_views(dataset.path, out, views=6, seed=5, options=CompareOptions(keep=2))
+
+
+@pytest.fixture(scope="module")
+def walked(dataset, tmp_path_factory):
+    out = tmp_path_factory.mktemp("walk")
+    options = CompareOptions(frames_per_second=5.0, scored=4, keep=1, video="webp", fade=0.0)
+    told = []
+    report = compare_walk(dataset.path, out, WALK, options=options, progress=lambda *what: told.append(what))
+    return out, report, told
+
+
+def test_the_report_is_written_and_keeps_its_schema(views, walked):
+    for out, report, *_ in (views, walked):
+        jsonschema.validate(report, SCHEMA)
+        assert json.loads((out / "report.json").read_text()) == report
+        page = (out / "report.html").read_text()
+        assert all(name in page for name in TECHNIQUES)
+        for worst in report["worst"]:
+            with Image.open(out / worst["picture"]) as picture:
+                assert picture.size[0] > 3 * 512 - 1
+
+
+def test_geometry_has_no_errors_and_local_geometry_lacks_what_is_far(views):
+    techniques = views[1]["techniques"]
+    for name in ("full", "visible"):
+        assert techniques[name]["wrong_share"] == techniques[name]["flip"]["mean"] == 0.0
+        assert techniques[name]["psnr_db"] is None
+    assert techniques["local"]["hole_share"] > 10 * techniques["multi-mesh"]["hole_share"]
+    assert techniques["local"]["displacement_px"]["max"] == 0.0
+    assert techniques["multi-mesh"]["wrong_thickness_px"]["max"] < 12.0
+    assert techniques["multi-mesh"]["ssim"] > 0.98
+
+
+def test_the_same_views_score_the_same(views, dataset, tmp_path):
+    """In other processes, and without single-mesh, which was built beside the first report."""
+    options = CompareOptions(techniques=("multi-mesh",), keep=0, workers=2)
+    again = compare_views(dataset.path, tmp_path, views=6, seed=5, options=options)
+    one, other = (report["techniques"]["multi-mesh"] for report in (views[1], again))
+    for key in ("hole_share", "wrong_share", "wrong_thickness_px", "displacement_px", "flip", "psnr_db", "ssim"):
+        assert one[key] == pytest.approx(other[key])
+    assert again["worst"] == []
+    assert again["ratios"]["multi-mesh"] == {"full": None, "visible": None, "local": None}
+
+
+def test_worst_views_are_the_thickest_errors_and_the_pictures_show_them(views):
+    out, report = views
+    scores = {name: [one["wrong_thickness_px"] for one in some] for name, some in report["scored"].items()}
+    for name in ("local", "multi-mesh"):
+        worst = [one for one in report["worst"] if one["technique"] == name]
+        assert [one["wrong_thickness_px"] for one in worst] == sorted(scores[name], reverse=True)[: len(worst)]
+    local = next(one for one in report["worst"] if one["technique"] == "local")
+    with Image.open(out / local["picture"]) as picture:
+        panel = np.asarray(picture.convert("RGB")).astype(int)
+    magenta = (np.abs(panel - [255, 0, 255]).max(axis=2) < 10).sum()
+    assert magenta == pytest.approx(local["hole_share"] * 512 * 512, rel=0.1)
+
+
+def test_a_walk_is_told_frame_by_frame(walked):
+    out, report, told = walked
+    frames = report["walk"]["frames"]
+    assert frames == 21
+    assert report["walk"]["metres"] == pytest.approx(40.0, rel=0.01)
+    for series in report["series"].values():
+        assert len(series["frame_ms"]) == len(series["cell"]) == frames
+        assert min(series["frame_ms"]) > 0.0
+    switches = report["series"]["multi-mesh"]["switch"]
+    assert len(switches) == 1
+    assert report["techniques"]["multi-mesh"]["pop"]["switches"] == 1
+    assert abs(report["techniques"]["multi-mesh"]["pop"]["max"]) < 0.05
+    assert report["techniques"]["full"]["pop"] is None
+    assert len(report["scored"]["multi-mesh"]) == 4
+    assert report["videos"] == ["walk.webp"]
+    with Image.open(out / "walk.webp") as film:
+        assert film.n_frames == frames
+    assert {what for what, *_ in told} >= {"walks", "frames", "cells of single-mesh"}
+
+
+def test_what_loading_took_is_told(walked):
+    loading = walked[1]["techniques"]["multi-mesh"]["loading"]
+    assert loading["bytes_loaded"] > 0
+    assert loading["largest_cache_bytes"] <= loading["bytes_loaded"]
+    assert walked[1]["techniques"]["local"]["loading"] is None
+
+
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [
+        ({"techniques": ("magic",)}, "techniques"),
+        ({"techniques": ()}, "techniques"),
+        ({"techniques": ("full", "full")}, "techniques"),
+        ({"frames_per_second": float("nan")}, "frames_per_second"),
+        ({"fade": -1.0}, "fade"),
+        ({"cache": 0}, "cache"),
+        ({"scored": 0}, "scored"),
+    ],
+)
+def test_options_without_meaning_are_refused(changed, named):
+    with pytest.raises(ParameterError, match=named):
+        CompareOptions(**changed)
+
+
+def test_no_dataset_and_a_report_inside_of_one_are_refused(dataset, tmp_path):
+    with pytest.raises(DatasetError, match="nothing"):
+        compare_views(tmp_path / "missing", tmp_path / "out", views=1)
+    with pytest.raises(ParameterError, match="outside"):
+        compare_views(dataset.path, dataset.path / "report", views=1)
+    assert not (dataset.path / "report").exists()
+
+
+def test_the_baseline_is_not_compared_with_itself_nor_built_over_what_is_compared(single, dataset, tmp_path):
+    with pytest.raises(ParameterError, match="single"):
+        compare_views(single.dataset.path, tmp_path / "out", views=1)
+    (tmp_path / "single-mesh").symlink_to(dataset.path)
+    with pytest.raises(ParameterError, match="outside"):
+        compare_views(tmp_path / "single-mesh", tmp_path, views=1)
+
+
+def test_a_city_whose_objects_are_all_near_is_compared(tmp_path):
+    """Cells without a single layer."""
+    from cities import crossroads
+
+    from mmi.building.dataset import build_dataset
+    from mmi.planning.parameters import BuildParameters
+
+    build_dataset(crossroads(), tmp_path / "near", BuildParameters(near_distance=1000.0), cells=["0000-00"])
+    options = CompareOptions(techniques=("local", "single-mesh", "multi-mesh"), flip=False)
+    report = compare_views(tmp_path / "near", tmp_path / "out", views=2, options=options)
+    assert report["techniques"]["multi-mesh"]["wrong_share"] == 0.0
+
+
+def test_a_fade_pops_less_than_a_switch(dataset, tmp_path):
+    pops = []
+    for fade in (0.0, 0.5):
+        options = CompareOptions(techniques=("multi-mesh",), frames_per_second=10.0, scored=1, keep=0, fade=fade)
+        report = compare_walk(dataset.path, tmp_path / f"{fade}", WALK, options=options)
+        pops.append(report["techniques"]["multi-mesh"]["pop"]["max"])
+    assert pops[0] > pops[1] >= -0.01

@@ -1,0 +1,158 @@
+"""The frame loop with a painter that draws nothing: what it asks for, and when."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from viewer.cells.scene_cache import cell_cache
+from viewer.drawing.frame import Frame
+from viewer.plan import Plan
+from viewer.runtime.loop import run_walk
+from viewer.techniques.catalogue import TECHNIQUES, make_technique
+from viewer.walks.walk import Keyframe, Pose, Walk
+
+WALK = Walk(
+    "east and north",
+    (
+        Keyframe(0.0, Pose((2.0, 0.0, 1.7), 0.0, 0.0)),
+        Keyframe(12.0, Pose((110.0, 0.5, 1.7), 0.3, 0.0)),
+        Keyframe(12.0, Pose((0.0, 20.0, 1.7), 1.5, 0.0), cut=True),
+        Keyframe(16.0, Pose((0.0, 100.0, 1.7), 1.5, 0.1)),
+    ),
+)
+
+
+class Painter:
+    """Remembers what it was asked to draw, and checks that it could."""
+
+    def __init__(self):
+        self.plans, self.there = [], {}
+
+    def upload_layer(self, cell, layer):
+        self.there.setdefault(cell.key, set()).add(layer.name)
+        return True
+
+    def evict(self, cell):
+        self.there.pop(cell, None)
+
+    def draw(self, plan, view, *, read=True):  # noqa: ARG002
+        for draw in plan.draws:
+            if hasattr(draw, "names"):
+                assert set(draw.names) <= self.there.get(draw.cell, set()), "drawn before it was there"
+        self.plans.append(plan)
+        return Frame(np.empty((0, 0, 3), np.uint8), None, None, None, 0.001, None, 10, 2)
+
+
+def run(scenes, name, *, capacity=1 << 30, slowly=0.0, patient=False):
+    """``slowly``: seconds between frames; ``patient``: as long as it takes until all cells ahead are there."""
+    painter = Painter()
+    seen = []
+
+    def between_frames(step, view, plan, frame):  # noqa: ARG001
+        seen.append(step.index)
+        time.sleep(slowly)
+        end = time.monotonic() + 60.0
+        while patient and not all(cache.holds(cell) for cell in plan.ahead):
+            assert time.monotonic() < end
+            cache.spend(1.0)
+            time.sleep(0.001)
+
+    with cell_cache(scenes, painter, capacity=capacity) as cache:
+        times = run_walk(
+            WALK.frames(10.0),
+            make_technique(name, scenes),
+            painter,
+            cache,
+            camera=scenes["multi-mesh"].camera,
+            shown=between_frames,
+        )
+        report = cache.report
+    assert seen == list(range(len(times)))
+    return painter, times, report
+
+
+@pytest.fixture
+def scenes(scene, single):
+    return {"multi-mesh": scene, "single-mesh": single}
+
+
+@pytest.mark.parametrize("name", TECHNIQUES)
+def test_a_walk_replayed_gives_the_same_plans_whatever_the_loading(scenes, name):
+    first, times, _ = run(scenes, name)
+    second, again, _ = run(scenes, name, capacity=1, slowly=0.002)
+    assert len(first.plans) == len(WALK.frames(10.0)) == len(times)
+    assert all(a.same_as(b) for a, b in zip(first.plans, second.plans, strict=True))
+    assert [(one.cell, one.entered, one.cut) for one in times] == [(one.cell, one.entered, one.cut) for one in again]
+
+
+def test_cells_are_there_before_they_are_entered_when_there_is_time(scenes):
+    _, times, report = run(scenes, "multi-mesh", patient=True)
+    assert sum(one.entered for one in times) >= 3
+    assert report.waits == 0
+    assert all(one.waiting == 0.0 for one in times)
+
+
+def test_without_memory_for_cells_ahead_each_is_waited_for_once(scenes):
+    _, times, report = run(scenes, "multi-mesh", capacity=1, slowly=0.005)
+    entered = sum(one.entered for one in times)
+    assert report.waits == entered
+    assert [one.waiting > 0.0 for one in times] == [one.entered for one in times]
+    assert report.largest_bytes > 0
+
+
+def test_a_walk_waits_at_its_start_and_where_it_is_cut_and_says_so_apart(scenes):
+    _, times, _ = run(scenes, "multi-mesh", capacity=1)
+    cuts = [i for i, one in enumerate(times) if one.cut]
+    assert cuts == [0, 120]
+    for i in cuts:
+        assert times[i].loading > 0.0
+        assert times[i].waiting == 0.0
+        assert times[i].total < times[i].loading + 1.0
+    assert all(one.loading == 0.0 for i, one in enumerate(times) if i not in cuts)
+
+
+class Spender:
+    """A cache that has everything, and remembers in which frames it was given time for uploads."""
+
+    def __init__(self, painter):
+        self.painter, self.frames = painter, []
+
+    def want(self, needed, ahead=()):
+        pass
+
+    def require(self, cells, *, counted=True):  # noqa: ARG002
+        return 0.0
+
+    def spend(self, seconds):  # noqa: ARG002
+        self.frames.append(len(self.painter.plans))
+        return 0.0
+
+
+def test_uploads_ahead_wait_for_frames_that_are_not_dear(scenes):
+    def seconds(frame):
+        return 5.0 if frame % 10 in (7, 8, 9) or frame >= 100 else 1.0
+
+    class Scripted(Painter):
+        def draw(self, plan, view, *, read=True):
+            frame = super().draw(Plan(()), view, read=read)
+            return replace(frame, seconds=seconds(len(self.plans) - 1), triangles=len(plan.draws))
+
+    painter = Scripted()
+    cache = Spender(painter)
+    technique = make_technique("multi-mesh", scenes)
+    times = run_walk(WALK.frames(10.0), technique, painter, cache, camera=scenes["multi-mesh"].camera)
+    dear = {i for i in range(len(times)) if seconds(i) == 5.0}
+    given = {frame - 1 for frame in cache.frames}  # after it was drawn
+    assert not given & {i for i in dear if i <= 100}
+    assert set(range(100)) - dear <= given
+    assert {i for i in dear if i >= 150} <= given  # by then, that is what a frame takes
+
+
+def test_a_frame_is_the_sum_of_its_parts(scenes):
+    _, times, _ = run(scenes, "multi-mesh")
+    for one in times:
+        assert one.drawing == 0.001
+        assert one.total >= one.drawing + one.uploading + one.waiting
+        assert (one.triangles, one.draws) == (10, 2)

@@ -1,0 +1,147 @@
+"""Techniques decide without OpenGL: plans are data, and the same walk gives the same ones."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from mmi.foundation.camera import level_view
+from mmi.foundation.errors import DatasetError, ParameterError
+from viewer.plan import Budget, CellKey, CellLayers, Ground, Objects, Plan, Sky
+from viewer.scene.follower import Follower
+from viewer.scene.scene import open_scene
+from viewer.techniques.catalogue import TECHNIQUES, make_technique
+from viewer.techniques.layered import LayeredImpostors
+
+BUDGET = Budget()
+
+
+def look(scene, x, y=0.0, azimuth=0.0):
+    camera = scene.camera
+    return level_view(np.array([x, y, 1.7]), azimuth, focal=camera.focal, window=camera.window)
+
+
+def walk(technique, scene, xs):
+    return [technique.plan(look(scene, x), now=0.1 * i, budget=BUDGET) for i, x in enumerate(xs)]
+
+
+def objects(plan):
+    return next(draw for draw in plan.draws if isinstance(draw, Objects)).objects
+
+
+@pytest.fixture
+def scenes(scene, single):
+    return {"multi-mesh": scene, "single-mesh": single}
+
+
+@pytest.mark.parametrize("name", TECHNIQUES)
+def test_every_technique_draws_objects_ground_and_sky_last(scenes, scene, name):
+    technique = make_technique(name, scenes)
+    assert technique.name == name
+    plan = technique.plan(look(scene, 20.0), now=0.0, budget=BUDGET)
+    assert isinstance(plan.draws[0], Objects)
+    assert isinstance(plan.draws[-2], Ground)
+    assert isinstance(plan.draws[-1], Sky)
+    assert plan.mix == 1.0
+
+
+def test_what_geometry_techniques_draw(scenes, scene, dataset):
+    plans = {name: make_technique(name, scenes).plan(look(scene, 50.0), now=0.0, budget=BUDGET) for name in TECHNIQUES}
+    entry = dataset.cell("0001-01")
+    index = dataset.city().index()
+    assert objects(plans["full"]).tolist() == list(range(16))
+    assert plans["full"].cells == plans["visible"].cells == plans["local"].cells == ()
+    assert objects(plans["visible"]).tolist() == sorted(index[one] for one in entry["near"] + entry["far"])
+    for name in ("local", "multi-mesh", "single-mesh"):
+        assert objects(plans[name]).tolist() == sorted(index[one] for one in entry["near"])
+        assert plans[name].place == "0001-01"
+
+
+def test_layers_are_those_of_the_cell_that_the_view_may_show_nearest_first(scenes, scene, dataset):
+    entry = dataset.cell("0001-01")
+    depth = {one["name"]: one["depth"][0] for sector in entry["layers"] for one in sector}
+    seen = set()
+    for azimuth in np.linspace(-3.1, 3.1, 24):
+        plan = make_technique("multi-mesh", scenes).plan(look(scene, 50.0, 0.0, azimuth), now=0.0, budget=BUDGET)
+        [layers] = [draw for draw in plan.draws if isinstance(draw, CellLayers)]
+        assert plan.cells == (layers.cell,) == (CellKey("multi-mesh", "0001-01"),)
+        assert [depth[name] for name in layers.names] == sorted(depth[name] for name in layers.names)
+        assert len(layers.names) < len(depth)
+        seen |= set(layers.names)
+    assert seen == set(depth), "all layers are seen from somewhere"
+
+
+def test_single_mesh_has_one_layer_a_sector(single):
+    entry = single.dataset.cell("0001-01")
+    assert {one["index"] for sector in entry["layers"] for one in sector} == {0}
+    assert entry["promised_error_px"] is None
+
+
+def test_neighbours_are_wanted_ahead_in_the_direction_of_walking(scenes, scene):
+    east = walk(make_technique("multi-mesh", scenes), scene, np.arange(10.0, 60.0, 2.0))
+    west = walk(make_technique("multi-mesh", scenes), scene, np.arange(60.0, 10.0, -2.0))
+    assert east[-1].place == west[0].place
+    assert east[-1].ahead[0].cell != west[3].ahead[0].cell
+    assert all(plan.cells[0] not in plan.ahead for plan in east)
+
+
+def test_the_same_walk_gives_the_same_plans(scenes, scene):
+    xs = np.concatenate([np.arange(5.0, 140.0, 3.0), np.arange(140.0, 5.0, -3.0)])
+    for name in TECHNIQUES:
+        first, second = (walk(make_technique(name, scenes), scene, xs) for _ in range(2))
+        assert all(a.same_as(b) for a, b in zip(first, second, strict=True))
+    assert not first[0].same_as(first[len(first) // 2])
+
+
+def test_wavering_at_a_border_changes_cells_once(scenes, scene):
+    technique = make_technique("multi-mesh", scenes)
+    plans = walk(technique, scene, [37.0, 37.4, 37.6, 37.4, 37.6, 37.3, 37.8, 38.2, 37.8, 37.4, 37.6])
+    changes = sum(a.place != b.place for a, b in itertools.pairwise(plans))
+    assert changes == 1
+
+
+def test_a_cell_fades_into_the_next(scene):
+    technique = LayeredImpostors(scene, fade=0.5)
+    plans = walk(technique, scene, np.arange(30.0, 45.0, 1.0))
+    entered = next(i for i, plan in enumerate(plans) if plan.place != plans[0].place)
+    assert plans[entered - 1].mix == 1.0
+    assert [plan.mix for plan in plans[entered : entered + 6]] == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
+    fading = plans[entered + 2]
+    assert {key.cell for key in fading.cells} == {plans[0].place, plans[entered].place}, "both are in memory"
+    assert objects(Plan(fading.fading)).tolist() == objects(plans[0]).tolist()
+    assert plans[entered + 5].fading == ()
+    assert len(plans[entered + 5].cells) == 1
+
+
+def test_a_jump_is_no_walk_and_does_not_fade(scene):
+    technique = LayeredImpostors(scene, fade=0.5)
+    walk(technique, scene, [30.0, 31.0])
+    plan = technique.plan(look(scene, 120.0), now=0.3, budget=BUDGET)
+    assert plan.mix == 1.0
+    follower = Follower(scene)
+    steps = [follower.move(np.array([x, 0.0, 1.7])) for x in (10.0, 12.0, 100.0, 101.0)]
+    assert [step.jumped for step in steps] == [True, False, True, False]
+    assert [step.entered for step in steps] == [True, False, True, False]
+
+
+def test_ground_is_drawn_as_far_as_it_is_more_than_a_line(scene):
+    """Tiles beyond eye height times focal length are left out, those near the viewer never are."""
+    low, high = scene.tiles[:, 0].min(axis=0), scene.tiles[:, 1].max(axis=0)
+    near = scene.ground_in(look(scene, 0.0))
+    inside = [i for i, ((x0, y0, _), (x1, y1, _)) in enumerate(scene.tiles) if x0 < 10.0 < x1 and y0 < 0.0 < y1]
+    assert set(inside) & set(near.tiles)
+    far = 1.7 * scene.camera.focal + 5.0
+    assert scene.ground_in(look(scene, low[0] - far, 0.5 * (low[1] + high[1]))).tiles == ()
+
+
+def test_unknown_techniques_and_foreign_cities_are_refused(scenes, scene, tmp_path):
+    with pytest.raises(ParameterError, match="multi-mesh"):
+        make_technique("magic", scenes)
+    from cities import two_blocks
+
+    from mmi.building.dataset import build_dataset
+    from mmi.dataset.reading import open_dataset
+
+    build_dataset(two_blocks(), tmp_path / "other")
+    with pytest.raises(DatasetError, match="another"):
+        open_scene(open_dataset(tmp_path / "other"), name="single-mesh", like=scene)

@@ -1,0 +1,47 @@
+"""The cache of cells for some scenes, and how many bytes a cell takes in it, told from its manifest entry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache
+
+from mmi.dataset.reading import Dataset
+from viewer.cells.cell_cache import CellCache, LayerStore
+from viewer.cells.layer_atlas import BORDER, shelves
+from viewer.cells.loaded_cell import LoadedCell, load_cell
+from viewer.plan import CellKey
+from viewer.scene.scene import Scene
+
+__all__ = ["cell_cache"]
+
+_TEXEL_BYTES = 4 + 4  # colour with coverage, depth
+
+_ID_BYTES = 4
+
+_TRIANGLE_BYTES = 12 + 36  # three indices; a vertex and a half, which small pieces of grids come to
+
+
+def cell_cache(
+    scenes: Mapping[str, Scene], store: LayerStore, *, measured: bool = False, capacity: int = 512 << 20
+) -> CellCache:
+    """A cache of at most ``capacity`` bytes for the cells of all ``scenes``; ``measured``: with what measuring needs."""
+
+    def load(key: CellKey, rest: Callable[[], None]) -> LoadedCell:
+        return load_cell(scenes[key.dataset], key.cell, measured=measured, rest=rest)
+
+    @cache
+    def size(key: CellKey) -> int:
+        return _foretold(scenes[key.dataset].dataset, key.cell, measured)
+
+    return CellCache(load, size, store, capacity=capacity)
+
+
+def _foretold(dataset: Dataset, cell: str, measured: bool) -> int:
+    """Bytes that a cell takes in memory, rather more than less, from its manifest entry."""
+    entry = dataset.cell(cell)
+    sizes = [
+        (one["window"][2] + 2 * BORDER, one["window"][3] + 2 * BORDER) for sector in entry["layers"] for one in sector
+    ]
+    width, height = shelves(sizes)[1]
+    texel = _TEXEL_BYTES + (_ID_BYTES if measured else 0)
+    return texel * width * height + _TRIANGLE_BYTES * int(entry["triangles"])

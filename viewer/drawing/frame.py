@@ -1,0 +1,34 @@
+"""What drawing a plan gives: the picture, what it cost, and where it was measured what each pixel shows.
+
+A value of its own so that measures and reports run without OpenGL; ``viewer.drawing.renderer`` makes frames.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Frame"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """A drawn frame, top row first.
+
+    ``color`` (h, w, 3) uint8 sRGB. Where measured: ``object_ids`` (h, w) int32, -2 the ground, -1 the sky; ``depth``
+    (h, w) float32 metres along the axis, ``inf`` for the sky; ``displacement`` (h, w) float32 radians between where an
+    impostor's surface is drawn and where its texel was captured, as the viewer sees them, NaN where the pixel shows no
+    impostor. ``seconds`` from first call to finished picture; ``gpu_seconds`` what the GPU reports, None where it was not
+    asked; ``triangles`` and ``draws`` sent.
+    """
+
+    color: NDArray[np.uint8]
+    object_ids: NDArray[np.int32] | None
+    depth: NDArray[np.float32] | None
+    displacement: NDArray[np.float32] | None
+    seconds: float
+    gpu_seconds: float | None
+    triangles: int
+    draws: int

@@ -1,0 +1,195 @@
+"""The program ``compare-impostors``: options in, a report out, one line for every mistake, exit status 0, 2 or 130."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from mmi.foundation.errors import ParameterError
+from mmi.programs.command_line import Parser, ProgressBar, names_option, path_option, run_program
+
+if TYPE_CHECKING:
+    from viewer.scene.scene import Scene
+    from viewer.walks.walk import Walk
+
+__all__ = ["compare_impostors"]
+
+_TECHNIQUES = "full,visible,local,single-mesh,multi-mesh"
+_TOUR_METRES = 300.0
+_VIEWS = 50
+
+_EXAMPLE = """\
+examples:
+  compare-impostors out/helsinki -o out/comparison                        50 random views inside cells
+  compare-impostors out/helsinki -o out/comparison --views 500 --seed 2 --techniques single-mesh,multi-mesh
+  compare-impostors out/helsinki -o out/tour --tour 400 --video           walk 400 m, and film it
+  compare-impostors out/helsinki -o out/walk --path walk.json
+
+Open DIR/report.html; DIR/report.json has the same figures, and DIR/worst the worst views.
+"""
+
+
+def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
+    """``compare-impostors OUT -o DIR``: how wrong and how fast techniques are, next to the geometry."""
+    parser = Parser(
+        prog="compare-impostors",
+        description="Draw views of a dataset with several techniques and with the geometry, and report how they differ: "
+        "holes, wrong surfaces and how thick they are, displacement, FLIP, PSNR, SSIM, frame times.",
+        epilog=_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("dataset", type=path_option, metavar="OUT", help="folder that build-impostors wrote")
+    parser.add_argument("-o", "--output", type=path_option, required=True, metavar="DIR", help="folder for the report")
+    where = parser.add_argument_group("from where").add_mutually_exclusive_group()
+    where.add_argument(
+        "--views", type=int, metavar="N", help=f"random views inside cells (this is the default, with N = {_VIEWS})"
+    )
+    where.add_argument(
+        "--path", type=path_option, metavar="FILE", help="along a recorded walk (JSON, schemas/walk.json)"
+    )
+    where.add_argument(
+        "--tour",
+        type=float,
+        nargs="?",
+        const=_TOUR_METRES,
+        metavar="METRES",
+        help=f"along a walk made for the dataset's streets (default length: {_TOUR_METRES:g})",
+    )
+    parser.add_argument("--seed", type=int, default=1, metavar="S", help="of views and tours (default: %(default)s)")
+    parser.add_argument(
+        "--techniques",
+        type=names_option,
+        default=names_option(_TECHNIQUES),
+        metavar="A,B,...",
+        help=f"default: {_TECHNIQUES}",
+    )
+    walks = parser.add_argument_group("walks")
+    walks.add_argument("--speed", type=float, default=5.0, metavar="M/S", help="of a tour (default: %(default)g)")
+    walks.add_argument("--fps", type=float, default=30.0, metavar="N", help="frames a second of the walk (default: 30)")
+    walks.add_argument(
+        "--scored", type=int, default=60, metavar="N", help="views of a walk that are measured (default: %(default)s)"
+    )
+    walks.add_argument(
+        "--fade", type=float, default=0.0, metavar="SECONDS", help="cross-fade where cells change (default: none)"
+    )
+    walks.add_argument(
+        "--save-path", type=path_option, metavar="FILE", help="write the tour, to walk it again with --path"
+    )
+    walks.add_argument(
+        "--video", nargs="?", const="mp4", choices=("mp4", "webp"), help="film the walk, techniques side by side"
+    )
+    work = parser.add_argument_group("the work")
+    work.add_argument("--antialias", type=int, default=0, metavar="SAMPLES", help="samples a pixel of timed frames")
+    work.add_argument("--cache", type=float, default=512.0, metavar="MB", help="memory for cells (default: 512)")
+    work.add_argument(
+        "--worst", type=int, default=6, metavar="N", help="worst views to show of each technique (default: 6)"
+    )
+    work.add_argument("--no-flip", action="store_true", help="leave FLIP out: it takes most of the time")
+    work.add_argument(
+        "--json", action="store_true", help="the report as JSON on standard output, and nothing else there"
+    )
+    work.add_argument("--quiet", action="store_true", help="no progress, no table")
+    run_program(parser, arguments, _compare, kept="no report was written, cells built for single-mesh are kept")
+
+
+def _compare(options: argparse.Namespace) -> None:
+    walking = options.path is not None or options.tour is not None
+    for name, given in (("--video", options.video is not None), ("--save-path", options.save_path is not None)):
+        if given and not walking:
+            raise ParameterError(f"{name}: a walk expected (--path or --tour), found views")
+    if options.save_path is not None and options.tour is None:
+        raise ParameterError("--save-path: a tour to save expected (--tour)")
+
+    if not 1.0 <= options.cache <= 1e6:
+        raise ParameterError(f"--cache: 1 to 1000000 MB expected, found {options.cache:g}")
+
+    from viewer.report.compare import CompareOptions, compare_views, compare_walk
+    from viewer.walks.tour import tour
+    from viewer.walks.walk import read_walk, write_walk
+
+    try:
+        chosen = CompareOptions(
+            techniques=tuple(options.techniques),
+            frames_per_second=options.fps,
+            fade=options.fade,
+            samples=options.antialias,
+            cache=round(1e6 * options.cache),
+            scored=options.scored,
+            keep=options.worst,
+            flip=not options.no_flip,
+            video=options.video,
+            workers=len(os.sched_getaffinity(0)),
+        )
+    except ParameterError as error:
+        name, colon, rest = str(error).partition(":")
+        names = {"frames_per_second": "fps", "samples": "antialias", "keep": "worst"}
+        raise ParameterError(f"--{names.get(name, name)}{colon}{rest}") from None
+    path = read_walk(options.path) if options.path is not None else None
+
+    def made(scene: Scene) -> Walk:
+        neighbours = {entry["id"]: entry["neighbours"] for entry in scene.dataset.manifest["cells"]}
+        walk = tour(scene.whereabouts.cells, neighbours, metres=options.tour, speed=options.speed, seed=options.seed)
+        if options.save_path is not None:
+            write_walk(walk, options.save_path)
+        return walk
+
+    with ProgressBar("comparison", quiet=options.quiet) as advance:
+
+        def tell(what: str, done: int, total: int) -> None:
+            advance(done, total, what)
+
+        if path is not None or options.tour is not None:
+            report = compare_walk(
+                options.dataset,
+                options.output,
+                path if path is not None else made,
+                mode="path" if path is not None else "tour",
+                options=chosen,
+                progress=tell,
+            )
+        else:
+            views = _VIEWS if options.views is None else options.views
+            report = compare_views(
+                options.dataset, options.output, views=views, seed=options.seed, options=chosen, progress=tell
+            )
+    if options.json:
+        print(json.dumps(report, indent=1))
+    elif not options.quiet:
+        with suppress(SystemExit):  # rich leaves when nobody reads its output any more (| head)
+            _print_table(report, options.output)
+
+
+def _print_table(report: dict[str, Any], out: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    talk = Console(highlight=False, markup=False)
+    if not talk.is_terminal:
+        talk = Console(highlight=False, markup=False, width=120)
+    title = f"{report['dataset']['name']}: {report['views']} views at {report['display']['width']} x "
+    title += f"{report['display']['height']}, drawn by {report['device']}"
+    table = Table(title=title, title_justify="left", title_style="", box=None, pad_edge=False)
+    table.add_column("technique", no_wrap=True)
+    for heading in ("holes %", "wrong %", "thickness px", "displacement px", "FLIP", "PSNR", "SSIM", "frame ms"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for name, one in report["techniques"].items():
+        thick, moved, frame = one["wrong_thickness_px"], one["displacement_px"], one["frame_ms"]
+        table.add_row(
+            name,
+            f"{100.0 * one['hole_share']:.3f}",
+            f"{100.0 * one['wrong_share']:.3f}",
+            f"{thick['p50']:.0f} / {thick['p99']:.0f} / {thick['max']:.0f}",
+            f"{moved['p50']:.1f} / {moved['p99']:.1f} / {moved['max']:.1f}",
+            "-" if one["flip"] is None else f"{one['flip']['mean']:.4f}",
+            "equal" if one["psnr_db"] is None else f"{one['psnr_db']:.1f}",
+            f"{one['ssim']:.4f}",
+            f"{frame['p50']:.1f} / {frame['p99']:.1f}",
+        )
+    talk.print(table)
+    talk.print("thickness and displacement: p50 / p99 / max; frame: p50 / p99", style="dim")
+    talk.print(f"{out / 'report.html'}", soft_wrap=True)

@@ -1,0 +1,31 @@
+"""Single-mesh impostors of the same cells, built when a comparison asks for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from mmi.building.dataset import build_dataset
+from mmi.dataset.reading import open_dataset
+from viewer.scene.scene import Scene, open_scene
+
+__all__ = ["single_mesh_scene"]
+
+
+def single_mesh_scene(
+    scene: Scene,
+    folder: Path,
+    cells: Sequence[str],
+    *,
+    workers: int = 1,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> Scene:
+    """The baseline of the paper: ``cells`` of ``scene`` built again in ``folder`` with one layer a view, or found there.
+
+    Raises DatasetError where ``folder`` holds something else, CaptureError where OpenGL fails.
+    """
+    parameters = replace(scene.parameters, layering="single")
+    city = scene.dataset.city()
+    build_dataset(city, folder, parameters, cells=sorted(set(cells)), workers=workers, progress=progress)
+    return open_scene(open_dataset(folder), name="single-mesh", like=scene)

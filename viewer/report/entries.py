@@ -1,0 +1,163 @@
+"""What a comparison found, as plain values for ``report.json`` (schemas/report.json)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from viewer.cells.cell_cache import CacheReport
+from viewer.measuring.judge import Judge, Scored
+from viewer.measuring.summary import frame_summary
+from viewer.report.pictures import save_picture, triptych
+from viewer.runtime.loop import FrameTimes
+from viewer.scene.scene import Scene
+
+__all__ = [
+    "by_technique",
+    "frame_series",
+    "gpu_times",
+    "loading_of",
+    "mean_sent",
+    "pops_of",
+    "report_of",
+    "scored_views",
+    "worst_views",
+]
+
+
+def report_of(
+    scene: Scene,
+    device: str,
+    *,
+    mode: str,
+    views: int,
+    seed: int | None,
+    techniques: dict[str, dict[str, Any]],
+) -> dict[str, Any]:
+    """The part of a report that views and walks have in common; ``views`` is how many were scored of each technique."""
+    camera = scene.camera
+    manifest = scene.dataset.manifest
+    rate = {name: 1.0 / max(one["frame_ms"]["p50"], 1e-9) for name, one in techniques.items()}
+    return {
+        "format_version": 1,
+        "program": "compare-impostors",
+        "dataset": {
+            "name": scene.dataset.path.resolve().name,
+            "source": manifest["city"]["source"],
+            "max_error_px": scene.parameters.max_error_px,
+            "cells": len(manifest["cells"]),
+        },
+        "device": device,
+        "display": {"width": camera.width, "height": camera.height, "fov_deg": math.degrees(camera.fov)},
+        "reference": "full",
+        "mode": mode,
+        "views": views,
+        "seed": seed,
+        "techniques": techniques,
+        "ratios": {
+            name: {other: rate[name] / rate[other] if other in rate else None for other in ("full", "visible", "local")}
+            for name in techniques
+        },
+    }
+
+
+def worst_views(judge: Judge, techniques: Sequence[str], out: Path) -> list[dict[str, Any]]:
+    """Pictures of the worst views, instead of an earlier report's, and what the report says of them."""
+    for stale in (out / "worst").glob("*-[0-9][0-9].png"):
+        stale.unlink()
+    entries = []
+    for name in techniques:
+        for rank, view in enumerate(judge.worst(name), start=1):
+            scored, errors = view.scored, view.scored.errors
+            file = f"worst/{name}-{rank:02d}.png"
+            titles = ("geometry", name, "what is wrong")
+            (out / "worst").mkdir(exist_ok=True)
+            save_picture(
+                out / file, triptych(view.truth, view.shown, view.regions.wrong, view.regions.holes, titles=titles)
+            )
+            entries.append(
+                {
+                    "technique": name,
+                    "rank": rank,
+                    "cell": scored.cell,
+                    "eye": list(scored.pose.eye),
+                    "azimuth_deg": math.degrees(scored.pose.azimuth),
+                    "pitch_deg": math.degrees(scored.pose.pitch),
+                    "time_s": scored.time,
+                    "wrong_share": errors.wrong_share,
+                    "hole_share": errors.hole_share,
+                    "wrong_thickness_px": errors.thickness_px,
+                    "displacement_px": errors.displacement_max_px,
+                    "flip_mean": errors.flip_mean,
+                    "picture": file,
+                }
+            )
+    return entries
+
+
+def by_technique(scored: Sequence[Scored]) -> dict[str, list[Scored]]:
+    """Scores grouped by technique, in order."""
+    grouped: dict[str, list[Scored]] = {}
+    for one in scored:
+        grouped.setdefault(one.technique, []).append(one)
+    return grouped
+
+
+def scored_views(scores: Mapping[str, Sequence[Scored]]) -> dict[str, list[dict[str, Any]]]:
+    """What the report says of every scored view."""
+    return {
+        name: [
+            {
+                "time_s": one.time,
+                "wrong_share": one.errors.wrong_share,
+                "wrong_thickness_px": one.errors.thickness_px,
+                "displacement_px": one.errors.displacement_max_px,
+                "flip_mean": one.errors.flip_mean,
+            }
+            for one in some
+        ]
+        for name, some in scores.items()
+    }
+
+
+def frame_series(run: Sequence[FrameTimes]) -> dict[str, Any]:
+    """Every frame of a walk: time, milliseconds, cell, and the frames at which the cell changed."""
+    return {
+        "time_s": [frame.time for frame in run],
+        "frame_ms": [1e3 * frame.total for frame in run],
+        "cell": [frame.cell for frame in run],
+        "switch": [i for i, frame in enumerate(run) if frame.entered],
+    }
+
+
+def mean_sent(counts: Sequence[tuple[int, int]]) -> dict[str, float]:
+    """Mean triangles and draws of frames, from pairs (triangles, draws)."""
+    triangles, draws = np.mean(np.array(counts, dtype=np.float64), axis=0).tolist()
+    return {"triangles": triangles, "draws": draws}
+
+
+def gpu_times(seconds: Sequence[float | None]) -> dict[str, float] | None:
+    """Percentiles of what the GPU reports, milliseconds; None where it does not."""
+    times = [one for one in seconds if one is not None]
+    return frame_summary(times) if times else None
+
+
+def loading_of(report: CacheReport, run: Sequence[FrameTimes]) -> dict[str, Any]:
+    """What loading took of a walk."""
+    return {
+        "seconds_waited": report.waited,
+        "frames_waited": sum(frame.waiting > 0.0 for frame in run),
+        "bytes_loaded": report.bytes_loaded,
+        "largest_cache_bytes": report.largest_bytes,
+    }
+
+
+def pops_of(pops: Sequence[float], switches: int) -> dict[str, Any] | None:
+    """Pops at changes of cells, of which there were ``switches``; None where none was measured."""
+    if not pops:
+        return None
+    return {"switches": switches, "mean": float(np.mean(pops)), "max": float(np.max(pops))}

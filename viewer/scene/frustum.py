@@ -1,0 +1,43 @@
+"""What a view can show of things whose extent is known: conservative culling, vectorised over all of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mmi.foundation.camera import View
+
+__all__ = ["box_corners", "window_corners", "within_view"]
+
+
+def within_view(corners: NDArray[np.float64], view: View) -> NDArray[np.bool_]:
+    """(n,) which of n convex hulls, (n, k, 3) world points each, may show in ``view``.
+
+    False only where all points of a hull lie beyond one side of the view's pyramid, so nothing visible is ever left out;
+    hulls across a corner of the pyramid may be kept in vain (Assarsson & Moeller 2000, section 2).
+    """
+    if not len(corners):
+        return np.zeros(0, dtype=bool)
+    left, top, width, height = view.window
+    f = view.focal
+    # A point (x, y, z) of the eye's frame, z negative ahead, is inside where all of these are not negative.
+    sides = np.array(
+        [[f, 0.0, left], [-f, 0.0, -(left + width)], [0.0, -f, top], [0.0, f, -(top + height)], [0.0, 0.0, -1.0]]
+    )
+    eye = corners @ view.eye_from_world[:3, :3].T + view.eye_from_world[:3, 3]
+    inside = eye @ sides.T >= 0.0  # (n, k, sides)
+    return np.asarray(inside.any(axis=1).all(axis=1))
+
+
+def box_corners(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 8, 3) corners of the axis-aligned boxes between ``low`` and ``high``, (n, 3) each."""
+    pick = np.array([[(k >> axis) & 1 for axis in range(3)] for k in range(8)], dtype=bool)
+    return np.where(pick, high[:, None, :], low[:, None, :])
+
+
+def window_corners(view: View, nearest: float, farthest: float) -> NDArray[np.float64]:
+    """(8, 3) corners of what lies behind the view's window at depths from ``nearest`` to ``farthest``, metres."""
+    left, top, width, height = view.window
+    u = np.array([left, left + width, left, left + width] * 2, dtype=np.float64)
+    v = np.array([top, top, top + height, top + height] * 2, dtype=np.float64)
+    return view.unproject(u, v, np.repeat([nearest, farthest], 4))

@@ -1,0 +1,143 @@
+"""A dataset opened for walking: the city's geometry, its cells, and what each cell's impostor consists of.
+
+All of it comes from the manifest and the files that cells share; the cells' own files are for ``viewer.cells.cell_cache``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mmi.appearance.city_mesh import CityMesh
+from mmi.appearance.ground_mesh import tile_bounds
+from mmi.cells.viewing_cells import ViewingCell
+from mmi.city.terrain import Terrain
+from mmi.dataset.cell_files import captured_view, stored_cell
+from mmi.dataset.city_files import read_city_mesh
+from mmi.dataset.reading import Dataset
+from mmi.foundation.camera import Camera, View
+from mmi.foundation.errors import DatasetError
+from mmi.planning.parameters import BuildParameters
+from viewer.plan import Ground
+from viewer.scene.frustum import box_corners, window_corners, within_view
+from viewer.scene.whereabouts import Whereabouts
+
+__all__ = ["CellScene", "Scene", "open_scene"]
+
+_FAR_GROUND_PX = 2.0
+"""Pixels below the horizon that stay without the ground's details, where it is too far away for them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellScene:
+    """A cell and its impostor, as far as the manifest tells.
+
+    ``near`` and ``visible`` are indices into the city's objects. ``layers`` are names sorted from the nearest to the
+    farthest, ``hulls`` (n, 8, 3) what their meshes lie in.
+    """
+
+    cell: ViewingCell
+    near: NDArray[np.int64]
+    visible: NDArray[np.int64]
+    layers: tuple[str, ...]
+    hulls: NDArray[np.float64]
+
+    def layers_in(self, view: View) -> tuple[str, ...]:
+        """The layers that ``view`` may show, nearest first."""
+        return tuple(self.layers[i] for i in np.flatnonzero(within_view(self.hulls, view)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """What techniques know. ``name`` is that of its layers in plans; ``objects`` maps ids to places in ``mesh``."""
+
+    name: str
+    dataset: Dataset
+    parameters: BuildParameters
+    mesh: CityMesh
+    ground: CityMesh
+    terrain: Terrain | None
+    ground_height: float
+    tiles: NDArray[np.float64]
+    whereabouts: Whereabouts
+    objects: Mapping[str, int]
+
+    @property
+    def camera(self) -> Camera:
+        """The display that the dataset was built for."""
+        return self.parameters.camera
+
+    def cell(self, name: str) -> CellScene:
+        """What the manifest says of a cell. Raises DatasetError where it is none of the dataset's."""
+        entry = self.dataset.cell(name)
+        near = self._indices(entry["near"])
+        described = [(sector, one) for sector, layers in enumerate(entry["layers"]) for one in layers]
+        described.sort(key=lambda pair: (pair[1]["depth"][0], pair[1]["name"]))
+        hulls = [window_corners(captured_view(entry, sector, one), *one["depth"]) for sector, one in described]
+        return CellScene(
+            cell=stored_cell(entry),
+            near=near,
+            visible=np.union1d(near, self._indices(entry["far"])),
+            layers=tuple(one["name"] for _, one in described),
+            hulls=np.array(hulls, dtype=np.float64).reshape(-1, 8, 3),
+        )
+
+    def ground_in(self, view: View) -> Ground:
+        """The tiles of the ground that ``view`` may show.
+
+        On flat ground, none beyond the distance at which all the rest of it is a line of two pixels below the horizon.
+        """
+        low, high = self.tiles[:, 0], self.tiles[:, 1]
+        close = np.arange(len(low))
+        if self.terrain is None:
+            reach = max(self.above_ground(view.eye), 0.1) * view.focal / _FAR_GROUND_PX
+            away = np.maximum(np.maximum(low - view.eye, view.eye - high), 0.0)
+            close = np.flatnonzero(np.hypot(away[:, 0], away[:, 1]) <= reach)
+        return Ground(tuple(close[within_view(box_corners(low[close], high[close]), view)].tolist()))
+
+    def above_ground(self, eye: NDArray[np.float64]) -> float:
+        """Metres from the ground up to ``eye`` (3,)."""
+        return float(eye[2]) - (self.ground_height if self.terrain is None else float(self.terrain.at(eye)))
+
+    def _indices(self, ids: list[str]) -> NDArray[np.int64]:
+        try:
+            return np.array([self.objects[one] for one in ids], dtype=np.int64)
+        except KeyError as error:
+            raise DatasetError(
+                f"{self.dataset.path / 'manifest.json'}: objects of {self.dataset.path / 'city.json'} expected, "
+                f"found {error}"
+            ) from error
+
+
+def open_scene(dataset: Dataset, *, name: str, like: Scene | None = None) -> Scene:
+    """Open a dataset for walking; ``like`` is one of the same city whose geometry is there already.
+
+    Raises DatasetError where the dataset has no cells, a file is missing or damaged, or ``like`` shows another city.
+    """
+    manifest = dataset.manifest
+    if not manifest["cells"]:
+        raise DatasetError(f"{dataset.path}: a dataset with cells expected, found none; build some")
+    if like is not None and like.dataset.manifest["city"]["files"] != manifest["city"]["files"]:
+        raise DatasetError(f"{dataset.path}: the city of {like.dataset.path} expected, found another")
+    mesh, ground = (like.mesh, like.ground) if like is not None else read_city_mesh(dataset)
+    cells = tuple(stored_cell(entry) for entry in manifest["cells"])
+    if like is None:
+        city = dataset.city()
+        terrain, objects = city.terrain, city.index()
+    else:
+        terrain, objects = like.terrain, dict(like.objects)
+    return Scene(
+        name=name,
+        dataset=dataset,
+        parameters=BuildParameters.from_dict(manifest["parameters"]),
+        mesh=mesh,
+        ground=ground,
+        terrain=terrain,
+        ground_height=float(manifest["city"]["ground"]),
+        tiles=tile_bounds(ground) if like is None else like.tiles,
+        whereabouts=Whereabouts(cells, {entry["id"]: entry["neighbours"] for entry in manifest["cells"]}),
+        objects=objects,
+    )

@@ -1,0 +1,3 @@
+"""Where a viewer goes: recorded walks (``walk``), tours along the streets (``tour``), random views in cells
+(``random_views``).
+"""
