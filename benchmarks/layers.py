@@ -21,7 +21,7 @@ from mmi.cells.viewing_cells import spread, viewing_cells
 from mmi.city.long_objects import cut_objects
 from mmi.planning.layering import assign_layers, boxes_of, layer_area
 from mmi.planning.parameters import BuildParameters
-from mmi.planning.plan import plan_cell, prepare_scene
+from mmi.planning.plan import plan_cell, prepare_city
 from mmi.reading.read_city import read_city
 
 STRATEGIES = ("incremental", "largest-first", "smallest-last", "dsatur", "best")
@@ -73,7 +73,7 @@ def main() -> None:
     for path in options.cities:
         city, _ = read_city(path)
         city = cut_objects(city, BuildParameters().longest_object)
-        scene = prepare_scene(city, BuildParameters(max_error_px=options.max_error, weights=options.weights))
+        scene = prepare_city(city, BuildParameters(max_error_px=options.max_error, weights=options.weights))
         graph = viewing_cells(city)
         layers: dict[str, list[int]] = {name: [] for name in STRATEGIES}
         areas: dict[str, list[float]] = {name: [] for name in STRATEGIES}

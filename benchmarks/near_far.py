@@ -29,7 +29,7 @@ from mmi.parallax.paper_weights import critical_zone_weights
 from mmi.parallax.ray_weights import same_ray_weights, self_parallax
 from mmi.planning.layering import assign_layers, boxes_of, event_graph
 from mmi.planning.parameters import BuildParameters
-from mmi.planning.plan import Scene, prepare_scene
+from mmi.planning.plan import PreparedCity, prepare_city
 from mmi.reading.read_city import read_city
 from mmi.visibility.selection import Selection, everything
 
@@ -48,18 +48,18 @@ class Seen:
         return max(parameters.near_distance, float(self.away[self.missed > parameters.max_angle].max(initial=0.0)))
 
 
-def look(scene: Scene, cell: ViewingCell) -> Seen:
+def look(scene: PreparedCity, cell: ViewingCell) -> Seen:
     """Everything about a cell that does not depend on how near and far are told apart."""
     assert scene.visible is not None
     seen = scene.visible(everything(scene.city, cell))
     texel = 1.0 / scene.parameters.camera.focal
-    missed = self_parallax(scene.city, cell, scene.walls, seen.objects, seen.sight, texel=texel)
+    missed = self_parallax(scene.city, cell, scene.walls, seen.objects, seen.wall_visibility, texel=texel)
     footprints = [scene.city.objects[i].footprint for i in seen.objects]
     away = np.asarray(shapely.distance(footprints, cell_region(cell)))
     return Seen(seen, missed, away, np.isin(seen.objects, scene.near(seen).near))
 
 
-def costs(scene: Scene, seen: Seen, near: NDArray[np.bool_], *, paper: bool) -> tuple[float, ...]:
+def costs(scene: PreparedCity, seen: Seen, near: NDArray[np.bool_], *, paper: bool) -> tuple[float, ...]:
     """Near objects and triangles, layers, and pixels that far objects miss of themselves at most."""
     parameters, selection = scene.parameters, seen.selection
     far = selection.objects[~near]
@@ -68,7 +68,7 @@ def costs(scene: Scene, seen: Seen, near: NDArray[np.bool_], *, paper: bool) -> 
         pairs, weights = critical_zone_weights(selection.cell, objects)
     else:
         quad = 8.0 / parameters.camera.focal
-        pairs, weights = same_ray_weights(selection.cell, scene.walls, far, selection.sight, quad=quad)
+        pairs, weights = same_ray_weights(selection.cell, scene.walls, far, selection.wall_visibility, quad=quad)
     boxes = boxes_of(selection.cell.reference, objects)
     graph = event_graph(far, pairs, weights, threshold=parameters.max_angle)
     layers = assign_layers(graph, boxes, strategy="smallest-last")
@@ -79,10 +79,10 @@ def costs(scene: Scene, seen: Seen, near: NDArray[np.bool_], *, paper: bool) -> 
 
 def table(city: City, cells: list[ViewingCell], parameters: BuildParameters) -> dict[str, NDArray[np.float64]]:
     """Row by row the costs of each cell, (cells, 4)."""
-    whole, parts = (prepare_scene(one, parameters) for one in (city, cut_objects(city, parameters.longest_object)))
+    whole, parts = (prepare_city(one, parameters) for one in (city, cut_objects(city, parameters.longest_object)))
     wholes, cut = ([look(scene, cell) for cell in cells] for scene in (whole, parts))
     farthest = max(seen.reach(parameters) for seen in wholes)
-    ways: dict[str, tuple[Scene, list[Seen], bool, Callable[[Seen], NDArray[np.bool_]]]] = {
+    ways: dict[str, tuple[PreparedCity, list[Seen], bool, Callable[[Seen], NDArray[np.bool_]]]] = {
         "tight": (parts, cut, False, lambda seen: seen.near),
         "whole": (whole, wholes, False, lambda seen: seen.near),
         "distance, a cell's own": (

@@ -24,7 +24,7 @@ from mmi.city.long_objects import cut_objects
 from mmi.city.model import City
 from mmi.planning.layering import boxes_of, layer_area
 from mmi.planning.parameters import BuildParameters
-from mmi.planning.plan import CellPlan, Scene, plan_cell, prepare_scene
+from mmi.planning.plan import CellPlan, PreparedCity, plan_cell, prepare_city
 from mmi.reading.read_city import read_city
 
 
@@ -40,7 +40,7 @@ def moved(cell: ViewingCell, share: float) -> ViewingCell:
     return Moved(cell.id, cell.p, cell.q, cell.half_width, cell.eye, cell.street, cell.rise)
 
 
-def costs(scene: Scene, city: City, plan: CellPlan) -> tuple[float, float, float, float]:
+def costs(scene: PreparedCity, city: City, plan: CellPlan) -> tuple[float, float, float, float]:
     """Near objects and triangles, layers, and what these cover of a panorama."""
     reference = plan.selection.cell.reference
     area = sum(layer_area(boxes_of(reference, [city.objects[i] for i in layer])) for layer in plan.layers)
@@ -48,7 +48,7 @@ def costs(scene: Scene, city: City, plan: CellPlan) -> tuple[float, float, float
     return len(near), float(scene.mesh.triangle_counts[near].sum()), len(plan.layers), area
 
 
-def both(scene: Scene, cell: ViewingCell) -> tuple[CellPlan, CellPlan]:
+def both(scene: PreparedCity, cell: ViewingCell) -> tuple[CellPlan, CellPlan]:
     """Plans from the two quarters, with only what both keep as geometry."""
     one, other = (plan_cell(scene, moved(cell, share)) for share in (0.25, 0.75))
     near = np.intersect1d(one.selection.near, other.selection.near)
@@ -64,7 +64,7 @@ def main() -> None:
     for path in options.cities:
         parameters = BuildParameters(max_error_px=options.max_error)
         city = cut_objects(read_city(path)[0], parameters.longest_object)
-        scene, graph = prepare_scene(city, parameters), viewing_cells(city)
+        scene, graph = prepare_city(city, parameters), viewing_cells(city)
         rows: dict[str, list[tuple[float, float, float, float]]] = {}
         for name in spread(graph, options.cells):
             cell = graph.nodes[name]["cell"]

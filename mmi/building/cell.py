@@ -17,7 +17,7 @@ from mmi.cells.viewing_cells import ViewingCell
 from mmi.foundation.stopwatch import Stopwatch
 from mmi.meshing.displacement import displacement
 from mmi.meshing.grid_mesh import grid_mesh
-from mmi.planning.plan import CellPlan, Scene, plan_cell
+from mmi.planning.plan import CellPlan, PreparedCity, plan_cell
 
 if TYPE_CHECKING:
     from mmi.capture.renderer import Capturer
@@ -32,25 +32,25 @@ _RIM_SHARE = 0.25
 
 
 def capture_layers(
-    scene: Scene, plan: CellPlan, capturer: Capturer, *, watch: Stopwatch | None = None
+    prepared: PreparedCity, plan: CellPlan, capturer: Capturer, *, watch: Stopwatch | None = None
 ) -> Iterator[Layer]:
     """The depth textures and grid meshes of a plan's layers, each sector of one after the other (paper section 5.1)."""
-    parameters, watch, cell = scene.parameters, watch or Stopwatch(), plan.selection.cell
+    parameters, watch, cell = prepared.parameters, watch or Stopwatch(), plan.selection.cell
     viewpoints = np.column_stack([cell.corners, np.full(4, cell.reference[2])])
-    sight, half_width = plan.selection.sight, math.tan(math.pi / parameters.sectors)
+    wall_visibility, half_width = plan.selection.wall_visibility, math.tan(math.pi / parameters.sectors)
     tolerance = _RIM_SHARE * parameters.max_angle
     with watch.stage("windows"):
-        pairs = touching(scene.city, plan.selection.objects)
+        pairs = touching(prepared.city, plan.selection.objects)
     for index, objects in enumerate(plan.layers):
         with watch.stage("windows"):
             views = layer_views(
-                scene.walls,
+                prepared.walls,
                 objects,
                 cell,
                 sectors=parameters.sectors,
                 focal=parameters.camera.focal,
                 quad=parameters.quad,
-                sight=sight,
+                wall_visibility=wall_visibility,
             )
         from_here = [view for _, view in views]
         textures = capturer.captures(objects, from_here, supersample=parameters.supersample)
@@ -60,8 +60,8 @@ def capture_layers(
             with watch.stage("capture"):
                 whole, rim = next(textures), next(rims, None)
             with watch.stage("meshing"):
-                if sight is not None:
-                    whole = without_unseen(whole, scene.walls, sight)
+                if wall_visibility is not None:
+                    whole = without_unseen(whole, prepared.walls, wall_visibility)
                 if rim is not None:
                     whole = with_rims(whole, rim, ends, viewpoints=viewpoints, tolerance=tolerance)
                 parts = covered_parts(whole, quad=parameters.quad, half_width=half_width)
@@ -76,9 +76,11 @@ def capture_layers(
         rims.close()
 
 
-def build_cell(scene: Scene, cell: ViewingCell, capturer: Capturer, *, watch: Stopwatch | None = None) -> Impostor:
+def build_cell(
+    prepared: PreparedCity, cell: ViewingCell, capturer: Capturer, *, watch: Stopwatch | None = None
+) -> Impostor:
     """A cell's multi-mesh impostor (paper section 4), its layers sorted by sector."""
-    plan = plan_cell(scene, cell, identify=capturer.identify, watch=watch)
-    layers = capture_layers(scene, plan, capturer, watch=watch)
+    plan = plan_cell(prepared, cell, identify=capturer.identify, watch=watch)
+    layers = capture_layers(prepared, plan, capturer, watch=watch)
     by_sector = tuple(sorted(layers, key=lambda layer: (layer.sector, layer.index, layer.part)))
     return Impostor(cell, plan.selection.near, plan.selection.far, by_sector)

@@ -27,7 +27,7 @@ from mmi.foundation.json_forms import fingerprint
 from mmi.foundation.processes import package_version, peak_memory, without_interrupts
 from mmi.foundation.stopwatch import Stopwatch
 from mmi.planning.parameters import BuildParameters
-from mmi.planning.plan import CellPlan, plan_cell, prepare_scene
+from mmi.planning.plan import CellPlan, plan_cell, prepare_city
 
 __all__ = ["Done", "Job", "costs_over_budget", "run_jobs"]
 
@@ -82,16 +82,16 @@ class _Worker:
         self.folder = folder
         self.preparation = Stopwatch()
         with self.preparation.stage("preparation"):
-            self.scene = prepare_scene(city, parameters)
-            self.prints = _looks(self.scene.mesh, object_fingerprints(city))
-            self.atlas = hashlib.sha256(self.scene.mesh.texture.data).hexdigest()
+            self.prepared = prepare_city(city, parameters)
+            self.prints = _looks(self.prepared.mesh, object_fingerprints(city))
+            self.atlas = hashlib.sha256(self.prepared.mesh.texture.data).hexdigest()
             self.terrain = _terrain_print(city.terrain)
-            self.capturer = Capturer(self.scene.mesh)
+            self.capturer = Capturer(self.prepared.mesh)
 
     def make(self, job: Job) -> Done:
         """Bring one cell up to date: its files if what it sees has changed, its record in any case."""
         watch, self.preparation = self.preparation, Stopwatch()  # the first cell's seconds include the preparation
-        plan = plan_cell(self.scene, job.cell, identify=self.capturer.identify, watch=watch)
+        plan = plan_cell(self.prepared, job.cell, identify=self.capturer.identify, watch=watch)
         content = self._content(job, plan)
         record = self.folder.record(job.cell.id)
         captured = record is None or record.get("content") != content
@@ -99,10 +99,10 @@ class _Worker:
         entry: dict[str, Any] = {"files": {}}
         if record is not None and not captured:
             entry, cut = record["entry"], bool(record["halves"])
-        elif not (cut := bool(parts and exceeded(self.scene.parameters, layers=len(plan.layers)))):
-            layers = capture_layers(self.scene, plan, self.capturer, watch=watch)
-            entry = write_cell(self.folder, self.scene, plan, layers, neighbours=job.neighbours, watch=watch)
-            cut = bool(parts and costs_over_budget(self.scene.parameters, entry))
+        elif not (cut := bool(parts and exceeded(self.prepared.parameters, layers=len(plan.layers)))):
+            layers = capture_layers(self.prepared, plan, self.capturer, watch=watch)
+            entry = write_cell(self.folder, self.prepared, plan, layers, neighbours=job.neighbours, watch=watch)
+            cut = bool(parts and costs_over_budget(self.prepared.parameters, entry))
         if cut and captured:
             self.folder.remove_cell(job.cell.id)
             entry = {"files": {}}
@@ -113,13 +113,13 @@ class _Worker:
 
     def _content(self, job: Job, plan: CellPlan) -> str:
         """Fingerprint of everything that the cell's files and its entry are made from."""
-        ids = [self.scene.city.objects[i].id for i in plan.selection.objects]
+        ids = [self.prepared.city.objects[i].id for i in plan.selection.objects]
         prints = [self.prints[i] for i in plan.selection.objects]
         settings = [
             FORMAT_VERSION,
             package_version(),
-            self.scene.parameters.as_dict(),
-            self.scene.city.ground,
+            self.prepared.parameters.as_dict(),
+            self.prepared.city.ground,
             self.terrain,
             self.atlas,
         ]

@@ -2,8 +2,8 @@
 
 A layer is captured without what is in front of it, so its picture holds all of its objects that the reference viewpoint would
 see if the rest of the city were not there. Much of that is hidden, from everywhere in the cell, by near objects and by other
-layers: :class:`mmi.visibility.selection.Sight` knows the lowest visible point of each wall. What is below takes memory for
-nothing, and mixes into the depths of what is visible beside it.
+layers: :class:`mmi.visibility.selection.WallVisibility` knows the lowest visible point of each wall. What is below takes
+memory for nothing, and mixes into the depths of what is visible beside it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mmi.capture.layer_values import DepthTexture
-from mmi.visibility.selection import Sight
+from mmi.visibility.selection import WallVisibility
 from mmi.visibility.walls import Walls
 
 __all__ = ["without_unseen"]
@@ -23,13 +23,13 @@ _ON_WALL = 0.05
 _SAME = 1e-5
 """Relative difference of distances below which a point is on the wall of the one above it."""
 _ABOVE = 1.0
-"""Metres above the reference viewpoint that an eye band does not reach: roofs up there are out of sight."""
+"""Metres above the reference viewpoint that an eye band does not reach: roofs up there are out of wall_visibility."""
 
 
-def without_unseen(texture: DepthTexture, walls: Walls, sight: Sight) -> DepthTexture:
-    """``texture`` without the texels of walls that lie a texel or more below what ``sight`` says may be seen of them.
+def without_unseen(texture: DepthTexture, walls: Walls, wall_visibility: WallVisibility) -> DepthTexture:
+    """``texture`` without the texels of walls that lie a texel or more below what ``wall_visibility`` says may be seen of them.
 
-    Of a wall that is hidden in whole nothing is left, unless it is so low that its top may be a roof's edge in sight.
+    Of a wall that is hidden in whole nothing is left, unless it is so low that its top may be a roof's edge in wall_visibility.
 
     A point near several walls of its object goes by the one that is visible lowest; one that is on none (a roof, an
     underside) stays.
@@ -49,8 +49,8 @@ def without_unseen(texture: DepthTexture, walls: Walls, sight: Sight) -> DepthTe
         walls.first,
         np.where(
             walls.top < view.eye[2] + _ABOVE,
-            np.minimum(sight.lowest, walls.top),
-            np.where(sight.lowest < walls.top, sight.lowest, np.inf),
+            np.minimum(wall_visibility.lowest, walls.top),
+            np.where(wall_visibility.lowest < walls.top, wall_visibility.lowest, np.inf),
         ),
     )
     depth, ids = texture.depth.copy(), texture.object_ids.copy()

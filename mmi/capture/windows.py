@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.foundation.camera import View, level_view
 from mmi.parallax.texels import texel_ratios
-from mmi.visibility.selection import Sight
+from mmi.visibility.selection import WallVisibility
 from mmi.visibility.walls import Walls
 
 __all__ = ["layer_views"]
@@ -30,9 +30,10 @@ def layer_views(
     sectors: int,
     focal: float,
     quad: int,
-    sight: Sight | None = None,
+    wall_visibility: WallVisibility | None = None,
 ) -> list[tuple[int, View]]:
-    """(sector, view) for every sector that the objects appear in, as far as ``sight`` leaves something of their walls.
+    """(sector, view) for every sector that the objects appear in, as far as ``wall_visibility`` leaves something of their
+    walls.
 
     ``focal`` is the display's; each view has texels as fine as the walls in it need (see :func:`texel_ratios`). Windows are
     whole quads of ``quad`` texels and reach one quad beyond the sector's borders, so that the meshes of neighbouring
@@ -42,10 +43,10 @@ def layer_views(
     half = math.pi / sectors
     index = walls.of(objects)
     low = walls.bottom[index]
-    if sight is not None:
+    if wall_visibility is not None:
         # Where roof or underside may be seen, that ends at walls which face away.
         ends = (walls.top[index] < cell.eye[1]) | (walls.bottom[index] > cell.eye[0])
-        low = np.where(ends, low, np.maximum(low, sight.lowest[index]))
+        low = np.where(ends, low, np.maximum(low, wall_visibility.lowest[index]))
         shows = low < walls.top[index]
         index, low = index[shows], low[shows]
     ratios = texel_ratios(walls, index, cell)

@@ -38,7 +38,7 @@ from mmi.foundation.camera import View, level_view
 from mmi.foundation.errors import DatasetError, ParameterError
 from mmi.foundation.stopwatch import Stopwatch
 from mmi.meshing.ordering import CapturedLayer, out_of_order
-from mmi.planning.plan import CellPlan, Scene
+from mmi.planning.plan import CellPlan, PreparedCity
 
 __all__ = ["captured_view", "read_depths", "read_impostor", "read_pictures", "stored_cell", "write_cell"]
 
@@ -47,7 +47,7 @@ _TILE = 512
 
 def write_cell(
     folder: DatasetFolder,
-    scene: Scene,
+    scene: PreparedCity,
     plan: CellPlan,
     layers: Iterable[Layer],
     *,
@@ -225,7 +225,7 @@ def _put_in_order(
     nodes: list[GlbNode],
     entries: list[dict[str, Any]],
     captured: Sequence[CapturedLayer],
-    scene: Scene,
+    scene: PreparedCity,
     plan: CellPlan,
 ) -> None:
     """Put triangles of ``nodes`` that need captured depths last (:mod:`mmi.meshing.ordering`); ``entries`` say how many do
@@ -260,7 +260,7 @@ def _layer_entry(layer: Layer, place: NDArray[np.uint32]) -> dict[str, Any]:
     }
 
 
-def _largest_weight_px(scene: Scene, plan: CellPlan) -> float:
+def _largest_weight_px(scene: PreparedCity, plan: CellPlan) -> float:
     """The largest weight of a pair that shares a layer, or self-parallax, in pixels at the centre of the display."""
     layer_of = {int(i): index for index, objects in enumerate(plan.layers) for i in objects}
     together = np.array([layer_of[int(a)] == layer_of[int(b)] for a, b in plan.pairs], dtype=bool)

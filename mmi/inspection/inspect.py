@@ -20,7 +20,7 @@ from mmi.inspection.figures import counted, save
 from mmi.inspection.layer_sheets import dataset_histograms, layer_sheet
 from mmi.inspection.maps import birds_eye, event_graph_plot
 from mmi.planning.parameters import BuildParameters
-from mmi.planning.plan import CellPlan, Scene, plan_cell, prepare_scene
+from mmi.planning.plan import CellPlan, PreparedCity, plan_cell, prepare_city
 from mmi.visibility.item_buffer import Identify
 
 __all__ = ["inspect_dataset", "typical_cell"]
@@ -90,14 +90,14 @@ def _cell_pictures(dataset: Dataset, entries: Sequence[Mapping[str, Any]]) -> It
     """(name, figure) of every picture of the cells with these entries of the manifest, one after the other."""
     city = dataset.city()
     try:
-        scene = prepare_scene(city, BuildParameters.from_dict(dataset.manifest["parameters"]))
+        prepared = prepare_city(city, BuildParameters.from_dict(dataset.manifest["parameters"]))
     except ParameterError as error:
         raise _rebuild(dataset, str(error)) from error
-    parameters = scene.parameters
-    with _identify(scene) as identify:
+    parameters = prepared.parameters
+    with _identify(prepared) as identify:
         for entry in entries:
             cell = _file_name(dataset, entry)
-            plan = _planned(dataset, scene, entry, identify)
+            plan = _planned(dataset, prepared, entry, identify)
             yield f"{cell}-map", birds_eye(city, plan)
             yield (
                 f"{cell}-graph",
@@ -113,7 +113,7 @@ def _cell_pictures(dataset: Dataset, entries: Sequence[Mapping[str, Any]]) -> It
                 yield f"{cell}-sector-{sector}", layer_sheet(layers, title=title)
 
 
-def _planned(dataset: Dataset, scene: Scene, entry: Mapping[str, Any], identify: Identify | None) -> CellPlan:
+def _planned(dataset: Dataset, prepared: PreparedCity, entry: Mapping[str, Any], identify: Identify | None) -> CellPlan:
     """The plan that a cell was built from. Raises DatasetError where it is not the manifest's."""
     with _as_described(dataset):
         cell = stored_cell(entry)
@@ -121,8 +121,8 @@ def _planned(dataset: Dataset, scene: Scene, entry: Mapping[str, Any], identify:
         stored = [
             (far[place], one["index"]) for sector in entry["layers"] for one in sector for place in one["objects"]
         ]
-    plan = plan_cell(scene, cell, identify=identify)
-    names = [one.id for one in scene.city.objects]
+    plan = plan_cell(prepared, cell, identify=identify)
+    names = [one.id for one in prepared.city.objects]
     layer_of = {names[i]: index for index, members in enumerate(plan.layers) for i in members}
     for what, found, expected in (
         ("near objects", [names[i] for i in plan.selection.near], near),
@@ -151,14 +151,14 @@ def _histograms(dataset: Dataset) -> Figure:
 
 
 @contextmanager
-def _identify(scene: Scene) -> Iterator[Identify | None]:
+def _identify(prepared: PreparedCity) -> Iterator[Identify | None]:
     """What draws item buffers, where visibility needs it; nothing loads OpenGL where it does not."""
-    if scene.visible is not None:
+    if prepared.visible is not None:
         yield None
         return
     from mmi.capture.renderer import Capturer
 
-    with Capturer(scene.mesh) as capturer:
+    with Capturer(prepared.mesh) as capturer:
         yield capturer.identify
 
 

@@ -13,10 +13,10 @@ ray:
   column or its neighbours: meshes connect what is next to each other in the texture.
 
 X counts only as far as it may be seen at all, and only for viewpoints that may see it (between two objects, it or what is in
-front of it: the mesh stretches between both): :class:`mmi.visibility.selection.Sight` says what of a wall is visible from
-which part of the cell (:mod:`mmi.visibility.outlook`). Rays meet two surfaces at a range of slopes (height over distance).
-The angle is taken at the slope of this range that is closest to level, where moving sideways parts them most, and where
-walking towards them does: at both ends, and where the difference of the two elevations is largest.
+front of it: the mesh stretches between both): :class:`mmi.visibility.selection.WallVisibility` says what of a wall is
+visible from which part of the cell (:mod:`mmi.visibility.visible_walls`). Rays meet two surfaces at a range of slopes
+(height over distance). The angle is taken at the slope of this range that is closest to level, where moving sideways parts
+them most, and where walking towards them does: at both ends, and where the difference of the two elevations is largest.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from mmi.city.model import City
 from mmi.foundation.ray_chords import may_exceed
 from mmi.parallax.critical_zone import cell_region
 from mmi.parallax.texels import texel_ratios
-from mmi.visibility.outlook import outlook_of
-from mmi.visibility.selection import Sight
+from mmi.visibility.selection import WallVisibility
+from mmi.visibility.visible_walls import visible_walls
 from mmi.visibility.walls import Walls
 
 __all__ = ["same_ray_weights", "self_parallax"]
@@ -52,15 +52,21 @@ _WITHIN = (0.25, 0.5, 0.75)
 
 
 def self_parallax(
-    city: City, cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], sight: Sight | None, *, texel: float
+    city: City,
+    cell: ViewingCell,
+    walls: Walls,
+    objects: NDArray[np.int64],
+    wall_visibility: WallVisibility | None,
+    *,
+    texel: float,
 ) -> NDArray[np.float64]:
     """(n,) radians for each of ``objects`` (n,): how wide a strip it may open in a picture of it from the reference viewpoint.
 
     Infinite for what meets the cell. ``walls`` are those of ``city``; ``texel`` is the angle in radians within which rays are
-    one, for what needs no finer texels than a display's pixels. Without ``sight`` every wall that faces the cell may be
-    seen in whole.
+    one, for what needs no finer texels than a display's pixels. Without ``wall_visibility`` every wall that faces the cell
+    may be seen in whole.
     """
-    outlook = outlook_of(cell, walls, objects, sight)
+    outlook = visible_walls(cell, walls, objects, wall_visibility)
     parallax = _self_parallax(
         outlook.a,
         outlook.b,
@@ -80,14 +86,14 @@ def self_parallax(
 
 
 def same_ray_weights(
-    cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], sight: Sight | None, *, quad: float
+    cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], wall_visibility: WallVisibility | None, *, quad: float
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Pairs (m, 2) of indices into ``objects`` that share rays, and how far points of them on one ray part, (m,) radians.
 
     ``quad`` is the angle in radians within which rays count as one. No object may meet the cell. Pairs that are not
     listed weigh nothing.
     """
-    outlook = outlook_of(cell, walls, objects, sight)
+    outlook = visible_walls(cell, walls, objects, wall_visibility)
     columns = max(8, math.ceil(2.0 * math.pi / quad))
     table = _pair_weights(
         outlook.a,

@@ -1,6 +1,6 @@
 """From a city to the plan of a cell's impostor, told top to bottom (paper figure 6).
 
-:func:`prepare_scene` makes ready what all cells share. :func:`plan_cell` decides: what is visible from a cell, what of it stays
+:func:`prepare_city` makes ready what all cells share. :func:`plan_cell` decides: what is visible from a cell, what of it stays
 geometry, which of the rest can share a layer. Plans are captured and meshed by :mod:`mmi.building.cell`.
 """
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 from mmi.foundation.stopwatch import Stopwatch
 
-__all__ = ["CellPlan", "Scene", "landmark_factors", "plan_cell", "prepare_scene"]
+__all__ = ["CellPlan", "PreparedCity", "landmark_factors", "plan_cell", "prepare_city"]
 
 _ALWAYS_NEAR = 4.0
 """Metres: what is closer to the cell than this is geometry whatever the triangle budget; a viewer could touch it."""
@@ -49,7 +49,7 @@ _REHEARSED = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class PreparedCity:
     """What all cells of a city share, prepared once: geometry, walls, and the pipeline's first two extractors.
 
     ``visible`` is None where visibility needs a renderer (the item buffer).
@@ -94,7 +94,7 @@ def landmark_factors(city: City, parameters: BuildParameters) -> dict[int, float
     return {i: factor for name, factor in parameters.landmarks for i in named[name]}
 
 
-def prepare_scene(city: City, parameters: BuildParameters) -> Scene:
+def prepare_city(city: City, parameters: BuildParameters) -> PreparedCity:
     """Prepare ``city``, whose long objects are cut already (:mod:`mmi.city.long_objects`), for planning and capturing its
     cells.
 
@@ -112,7 +112,7 @@ def prepare_scene(city: City, parameters: BuildParameters) -> Scene:
     if parameters.weights == "same-ray":
         texel = 1.0 / parameters.camera.focal
         stages.append(near_by_parallax(walls, parameters.max_angle, texel=texel, factors=landmarks))
-    return Scene(
+    return PreparedCity(
         city=city,
         parameters=parameters,
         mesh=mesh,
@@ -124,33 +124,33 @@ def prepare_scene(city: City, parameters: BuildParameters) -> Scene:
 
 
 def plan_cell(
-    scene: Scene, cell: ViewingCell, *, identify: Identify | None = None, watch: Stopwatch | None = None
+    prepared: PreparedCity, cell: ViewingCell, *, identify: Identify | None = None, watch: Stopwatch | None = None
 ) -> CellPlan:
     """Visible, near and far objects of a cell, and the layers of the far ones (paper sections 4.1, 4.2, 5.3, 5.4).
 
     ``identify`` draws the item buffer where ``parameters.visibility`` asks for it. Raises ParameterError if it is missing.
     """
-    parameters, watch = scene.parameters, watch or Stopwatch()
-    visible = scene.visible
+    parameters, watch = prepared.parameters, watch or Stopwatch()
+    visible = prepared.visible
     if visible is None:
         if identify is None:
             raise ParameterError("visibility by item buffer needs a renderer, found none")
         visible = item_buffer_extractor(identify, resolution=parameters.camera.width)
     with watch.stage("visibility"):
-        selection = visible(everything(scene.city, cell))
+        selection = visible(everything(prepared.city, cell))
     with watch.stage("segmentation"):
-        selection = scene.near(selection)
+        selection = prepared.near(selection)
     far = selection.far
-    objects = [scene.city.objects[i] for i in far]
+    objects = [prepared.city.objects[i] for i in far]
     with watch.stage("weights"):
         if parameters.weights == "same-ray":
             quad = _FINEST_QUAD / parameters.camera.focal
-            pairs, weights = same_ray_weights(cell, scene.walls, far, selection.sight, quad=quad)
+            pairs, weights = same_ray_weights(cell, prepared.walls, far, selection.wall_visibility, quad=quad)
         else:
             signed = parameters.weights == "critical-zone"
             pairs, weights = critical_zone_weights(cell, objects, signed=signed)
     with watch.stage("layering"):
-        factors = {int(i): scene.landmarks[i] for i in far if i in scene.landmarks}
+        factors = {int(i): prepared.landmarks[i] for i in far if i in prepared.landmarks}
         graph = event_graph(far, pairs, weights, threshold=parameters.max_angle, factors=factors)
         boxes = boxes_of(cell.reference, objects)
         layers = assign_layers(graph, boxes, strategy=parameters.layering)
@@ -158,21 +158,21 @@ def plan_cell(
     if not parameters.bounded:
         return plan
     with watch.stage("rehearsal"):
-        return _rehearsed(scene, plan)
+        return _rehearsed(prepared, plan)
 
 
-def _rehearsed(scene: Scene, plan: CellPlan) -> CellPlan:
+def _rehearsed(prepared: PreparedCity, plan: CellPlan) -> CellPlan:
     """The plan with those far objects made near of which its layers together would miss too much."""
-    parameters, selection = scene.parameters, plan.selection
+    parameters, selection = prepared.parameters, plan.selection
     width, height = parameters.camera.border_pixel
     # Display pixels that are one here.
     coarse = max(parameters.max_error_px / _REHEARSED, 2.0 * math.pi / (_COLUMNS * width), 1.0)
     found = rehearse(
         selection.cell,
-        scene.walls,
+        prepared.walls,
         selection.objects,
         plan.layers,
-        selection.sight,
+        selection.wall_visibility,
         pixel=(coarse * width, coarse * height),
         limit=parameters.max_error_px / coarse,
     )

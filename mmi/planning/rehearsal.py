@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.foundation.thickness import largest_disc
 from mmi.visibility.horizon_sweep import BINS
-from mmi.visibility.outlook import around, seen_from
-from mmi.visibility.selection import Sight
+from mmi.visibility.selection import WallVisibility
+from mmi.visibility.visible_walls import around, seen_from
 from mmi.visibility.walls import Walls
 
 __all__ = ["Rehearsal", "rehearse"]
@@ -59,16 +59,16 @@ def rehearse(
     walls: Walls,
     objects: NDArray[np.int64],
     layers: tuple[NDArray[np.int64], ...],
-    sight: Sight | None,
+    wall_visibility: WallVisibility | None,
     *,
     pixel: tuple[float, float],
     limit: float,
 ) -> Rehearsal:
     """Which objects of ``layers`` have to stay geometry for no missed region to be thicker than ``limit`` pixels.
 
-    ``objects`` (n,) are all that may be visible, sorted, those of ``layers`` among them; what ``sight`` says is hidden from
-    somewhere is not looked for there. ``pixel`` is the width of a pixel (and of a texel) in radians of azimuth, and its
-    height as a slope.
+    ``objects`` (n,) are all that may be visible, sorted, those of ``layers`` among them; what ``wall_visibility`` says is
+    hidden from somewhere is not looked for there. ``pixel`` is the width of a pixel (and of a texel) in radians of azimuth,
+    and its height as a slope.
     """
     x, y, eye = cell.reference
     index = walls.of(objects)
@@ -87,8 +87,11 @@ def rehearse(
     captured = _panorama(a[far], b[far], far, rays, np.ones(columns, dtype=np.bool_))
     faces = _faces(a, b)
     behind = _behind(faces, captured, layer[owner])
-    bins = BINS if sight is None else sight.bins
-    seen = seen_from(np.full(len(index), 2**64 - 1, dtype=np.uint64) if sight is None else sight.bits[index], bins)
+    bins = BINS if wall_visibility is None else wall_visibility.bins
+    seen = seen_from(
+        np.full(len(index), 2**64 - 1, dtype=np.uint64) if wall_visibility is None else wall_visibility.bits[index],
+        bins,
+    )
     buffer, spans = np.empty(0, dtype=np.int32), np.empty((columns, 2), dtype=np.int64)
     demoted: list[int] = []
     thickest = _WORTH_KNOWING * limit

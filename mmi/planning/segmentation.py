@@ -66,7 +66,7 @@ def near_by_parallax(
 
     def extract(selection: Selection) -> Selection:
         far = selection.far
-        missed = self_parallax(selection.city, selection.cell, walls, far, selection.sight, texel=texel)
+        missed = self_parallax(selection.city, selection.cell, walls, far, selection.wall_visibility, texel=texel)
         raised = np.array([(factors or {}).get(int(i), 1.0) for i in far])
         parallax = np.full(len(selection.objects), math.inf)
         parallax[np.searchsorted(selection.objects, far)] = missed

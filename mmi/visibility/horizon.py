@@ -37,9 +37,9 @@ from mmi.city.model import City, Prism
 from mmi.foundation.errors import ParameterError
 from mmi.visibility.cell_outline import TOUCH, footprints_met, sample_viewpoints
 from mmi.visibility.horizon_sweep import BINS, Rings, pack_rings, sweep
-from mmi.visibility.selection import Extractor, Selection, Sight, narrowed
+from mmi.visibility.selection import Extractor, Selection, WallVisibility, narrowed
 
-__all__ = ["HorizonScene", "horizon_extractor", "horizon_visible", "prepare_horizon"]
+__all__ = ["PreparedHorizon", "horizon_extractor", "horizon_visible", "prepare_horizon"]
 
 _TOLERANCE = 0.05
 """Metres that shrunken occluders give up beyond the asked distance, to be simplified by as much and still lie inside."""
@@ -53,7 +53,7 @@ _CANDIDATES = 512
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HorizonScene:
+class PreparedHorizon:
     """A city prepared for :func:`horizon_visible`.
 
     ``shrink`` metres; ``columns`` in the panorama. ``occluders`` and the ``blocks`` (b,) that they are the rings of are
@@ -76,7 +76,7 @@ class HorizonScene:
     covered: NDArray[np.float64]
 
 
-def prepare_horizon(city: City, *, shrink: float = 1.5, columns: int = 2048, levels: int = 12) -> HorizonScene:
+def prepare_horizon(city: City, *, shrink: float = 1.5, columns: int = 2048, levels: int = 12) -> PreparedHorizon:
     """Shrinks the city's occluders by ``shrink`` metres, at no more than ``levels`` heights; once a city.
 
     A smaller ``shrink`` gives smaller visible sets and needs more viewpoints; ``columns`` is the panorama's resolution.
@@ -93,7 +93,7 @@ def prepare_horizon(city: City, *, shrink: float = 1.5, columns: int = 2048, lev
     heights = _levels(solid_tops, levels)
     blocks, block_heights = _shrink(solids, solid_tops, heights, shrink)
     occludees = pack_rings(footprints, tops)
-    return HorizonScene(
+    return PreparedHorizon(
         city=city,
         shrink=shrink,
         columns=columns,
@@ -230,7 +230,7 @@ def _polygons(shapes: NDArray[np.object_]) -> tuple[NDArray[np.object_], NDArray
     return parts[filled], of[filled]
 
 
-def horizon_visible(scene: HorizonScene, cell: ViewingCell) -> tuple[NDArray[np.int64], Sight]:
+def horizon_visible(scene: PreparedHorizon, cell: ViewingCell) -> tuple[NDArray[np.int64], WallVisibility]:
     """Sorted indices into ``city.objects`` of all that may be seen from somewhere in ``cell`` (and maybe some more).
 
     And how low and from where its walls may be seen, which loses nothing either.
@@ -252,7 +252,7 @@ def horizon_visible(scene: HorizonScene, cell: ViewingCell) -> tuple[NDArray[np.
         columns=scene.columns,
         reach=scene.shrink,
     )
-    return np.flatnonzero(seen), Sight(np.maximum(lowest, scene.covered), bits, min(len(viewpoints), BINS))
+    return np.flatnonzero(seen), WallVisibility(np.maximum(lowest, scene.covered), bits, min(len(viewpoints), BINS))
 
 
 def _gap(boxes: NDArray[np.float64], box: tuple[float, float, float, float]) -> NDArray[np.float64]:
@@ -263,7 +263,7 @@ def _gap(boxes: NDArray[np.float64], box: tuple[float, float, float, float]) -> 
     return np.hypot(dx, dy)
 
 
-def _occluders_without(scene: HorizonScene, solids: NDArray[np.int64]) -> Rings:
+def _occluders_without(scene: PreparedHorizon, solids: NDArray[np.int64]) -> Rings:
     """The occluders as they would be without ``solids``: what is left is as far from them as from any outline."""
     if not len(solids):
         return scene.occluders
@@ -278,13 +278,13 @@ def _occluders_without(scene: HorizonScene, solids: NDArray[np.int64]) -> Rings:
     )
 
 
-def horizon_extractor(scene: HorizonScene) -> Extractor:
+def horizon_extractor(scene: PreparedHorizon) -> Extractor:
     """Narrows a selection of the scene's city to what :func:`horizon_visible` finds."""
 
     def extract(selection: Selection) -> Selection:
         if selection.city is not scene.city:
             raise ValueError(f"scene of {scene.city.source} used for a selection of {selection.city.source}")
-        visible, sight = horizon_visible(scene, selection.cell)
-        return replace(narrowed(selection, visible), sight=sight)
+        visible, wall_visibility = horizon_visible(scene, selection.cell)
+        return replace(narrowed(selection, visible), wall_visibility=wall_visibility)
 
     return extract

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.city.model import City
 
-__all__ = ["Extractor", "Selection", "Sight", "chain", "everything", "narrowed"]
+__all__ = ["Extractor", "Selection", "WallVisibility", "chain", "everything", "narrowed"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
+class WallVisibility:
     """What a cell may see of a city's walls (in the order of :func:`mmi.visibility.walls.walls_of`), and from where.
 
     ``lowest`` (w,) metres: nothing of a wall below this height can be seen (-inf: nothing hides it, inf: it is hidden).
@@ -41,15 +41,15 @@ class Selection:
     """Objects of ``city`` as seen from ``cell``: indices into ``city.objects``, sorted, without repeats.
 
     ``objects`` (n,) is what may be visible; ``near`` (k,) are those of them that stay geometry; ``far`` is the rest.
-    ``sight`` tells what of their walls may be visible, ``parallax`` (n,) how far they may part within themselves (radians;
-    infinite for what was near already), where a stage found that out.
+    ``wall_visibility`` tells what of their walls may be visible, ``parallax`` (n,) how far they may part within themselves
+    (radians; infinite for what was near already), where a stage found that out.
     """
 
     city: City
     cell: ViewingCell
     objects: NDArray[np.int64]
     near: NDArray[np.int64]
-    sight: Sight | None = None
+    wall_visibility: WallVisibility | None = None
     parallax: NDArray[np.float64] | None = None
     far: NDArray[np.int64] = field(init=False)
 

@@ -81,14 +81,14 @@ def test_no_ray_hits_what_is_not_in_the_set(buildings, seed, steep, turn):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_walls_are_seen_no_lower_than_the_set_says(seed):
-    """Of plain prisms: whatever point of a wall a ray hits first, ``Sight`` says that it may be seen there."""
+    """Of plain prisms: whatever point of a wall a ray hits first, ``WallVisibility`` says that it may be seen there."""
     city, rng = terraces(seed), np.random.default_rng(seed)
     plain = tuple(CityObject(one.id, one.prisms[:1]) for one in city.objects)
     city = dataclasses.replace(city, objects=plain)
     walls = walls_of(city)
     scene = prepare_horizon(city, shrink=0.5)
     for cell in cells_of(city, 2):
-        found, sight = horizon_visible(scene, cell)
+        found, wall_visibility = horizon_visible(scene, cell)
         origins = eyes_in(cell, city.terrain, 6000, rng)
         directions = searching(city, origins, rng)
         far, hits = Drawn(city).cast(origins, directions)
@@ -101,7 +101,7 @@ def test_walls_are_seen_no_lower_than_the_set_says(seed):
             away = np.abs(along[:, 0] * (point[1] - a[:, 1]) - along[:, 1] * (point[0] - a[:, 0])) / length
             on = away < 1e-6
             if on.sum() == 1 and point[2] < walls.top[own][on][0] - 1e-3:
-                assert point[2] >= sight.lowest[own][on][0] - 1e-6
+                assert point[2] >= wall_visibility.lowest[own][on][0] - 1e-6
                 checked += 1
         assert checked > 300
         assert np.isin(np.unique(hits[hits >= 0]), found).all()

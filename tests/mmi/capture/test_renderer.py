@@ -12,7 +12,7 @@ from mmi.capture.renderer import Capturer
 from mmi.foundation.camera import level_view
 from mmi.foundation.errors import CaptureError
 from mmi.planning.parameters import BuildParameters
-from mmi.planning.plan import prepare_scene
+from mmi.planning.plan import prepare_city
 
 NORTH = math.pi / 2
 
@@ -116,7 +116,7 @@ def test_supersampling_keeps_depth_and_ids_and_mixes_no_two_objects():
 
 def test_layers_seen_from_the_reference_viewpoint_are_the_captured_pictures():
     city = crossroads()
-    scene = prepare_scene(city, BuildParameters(near_distance=30.0))
+    scene = prepare_city(city, BuildParameters(near_distance=30.0))
     with Capturer(scene.mesh) as capturer:
         impostor = build_cell(scene, cell_along_x(), capturer)
     assert len(impostor.layers) >= 6
@@ -134,7 +134,7 @@ def test_layers_seen_from_the_reference_viewpoint_are_the_captured_pictures():
 def test_near_geometry_and_layers_together_show_every_visible_object():
     """Nothing is lost between near and far: around the panorama, the nearest hits of geometry are near or in a layer."""
     city = crossroads()
-    scene = prepare_scene(city, BuildParameters(near_distance=30.0))
+    scene = prepare_city(city, BuildParameters(near_distance=30.0))
     cell = cell_along_x()
     with Capturer(scene.mesh) as capturer:
         impostor = build_cell(scene, cell, capturer)

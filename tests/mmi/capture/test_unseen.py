@@ -16,7 +16,7 @@ from mmi.capture.unseen import without_unseen
 from mmi.city.model import CityObject, Prism
 from mmi.foundation.camera import level_view
 from mmi.visibility.horizon import horizon_visible, prepare_horizon
-from mmi.visibility.selection import Sight
+from mmi.visibility.selection import WallVisibility
 from mmi.visibility.walls import walls_of
 
 EYE = np.array([0.0, 0.0, 1.7])
@@ -34,11 +34,11 @@ def captured(city, objects=None, view=VIEW):
     return DepthTexture(view, color, depth.astype(np.float32), ids.astype(np.int32))
 
 
-def sight(city, lowest):
+def visibility_of(city, lowest):
     """``lowest`` as given, or the same for all walls."""
     walls = walls_of(city)
     lowest = np.broadcast_to(np.asarray(lowest, dtype=np.float64), (len(walls.a),)).copy()
-    return walls, Sight(lowest, np.full(len(lowest), 2**64 - 1, dtype=np.uint64), 64)
+    return walls, WallVisibility(lowest, np.full(len(lowest), 2**64 - 1, dtype=np.uint64), 64)
 
 
 def heights(view=VIEW):
@@ -52,14 +52,14 @@ class TestWall:
     @pytest.mark.parametrize("lowest", [1.0, 5.0, 5.26, 12.34])
     def test_exactly_the_texels_go_that_are_a_texel_or_more_below(self, lowest):
         whole = captured(self.CITY)
-        left = without_unseen(whole, *sight(self.CITY, lowest))
+        left = without_unseen(whole, *visibility_of(self.CITY, lowest))
         z = 1.7 + 50.0 * heights()
         assert np.array_equal(left.coverage, whole.coverage & (z + 50.0 / 100.0 >= lowest))
         assert np.count_nonzero(left.coverage) < np.count_nonzero(whole.coverage)
 
     def test_what_stays_is_unchanged(self):
         whole = captured(self.CITY)
-        left = without_unseen(whole, *sight(self.CITY, 7.0))
+        left = without_unseen(whole, *visibility_of(self.CITY, 7.0))
         assert left.view is whole.view
         np.testing.assert_array_equal(left.color, whole.color)
         np.testing.assert_array_equal(left.depth[left.coverage], whole.depth[left.coverage])
@@ -68,16 +68,16 @@ class TestWall:
 
     def test_a_wall_that_nothing_hides_stays_and_one_that_is_hidden_goes(self):
         whole = captured(self.CITY)
-        np.testing.assert_array_equal(without_unseen(whole, *sight(self.CITY, -np.inf)).depth, whole.depth)
-        assert not without_unseen(whole, *sight(self.CITY, np.inf)).coverage.any()
+        np.testing.assert_array_equal(without_unseen(whole, *visibility_of(self.CITY, -np.inf)).depth, whole.depth)
+        assert not without_unseen(whole, *visibility_of(self.CITY, np.inf)).coverage.any()
 
     def test_only_the_walls_of_the_object_itself_count(self):
         """Another object's wall in the same place, visible to the ground, saves nothing; nor does a hidden one take."""
         city = city_of(block("wall", -15.0, 50.0, 15.0, 60.0, 20.0), block("before", -15.0, 40.0, 15.0, 50.0, 10.0))
         whole = captured(city, [0])
-        walls, _ = sight(city, 0.0)
+        walls, _ = visibility_of(city, 0.0)
         lowest = np.where(np.arange(len(walls.a)) < walls.first[1], 10.0, -np.inf)
-        left = without_unseen(whole, *sight(city, lowest))
+        left = without_unseen(whole, *visibility_of(city, lowest))
         assert np.array_equal(left.coverage, whole.coverage & (1.7 + 50.0 * heights() + 0.5 >= 10.0))
 
     def test_slanted_and_turned(self):
@@ -86,7 +86,7 @@ class TestWall:
         city = city_of(CityObject("slanted", (Prism(shape, 0.0, 25.0),)))
         view = level_view(np.array([3.0, -2.0, 1.6]), 1.4, focal=137.0, window=(-90, -70, 160, 90))
         whole = captured(city, view=view)
-        left = without_unseen(whole, *sight(city, 8.0))
+        left = without_unseen(whole, *visibility_of(city, 8.0))
         depth = np.where(whole.coverage, whole.depth, 0.0)
         z = 1.6 + depth * heights(view)
         np.testing.assert_array_equal(left.coverage, whole.coverage & (z + depth / 137.0 >= 8.0))
@@ -97,7 +97,7 @@ class TestRoofs:
         city = city_of(block("flat", -15.0, 30.0, 15.0, 80.0, 6.0))
         view = level_view(np.array([0.0, 0.0, 30.0]), 0.5 * math.pi, focal=100.0, window=(-64, 0, 128, 100))
         whole = captured(city, view=view)
-        left = without_unseen(whole, *sight(city, np.inf))
+        left = without_unseen(whole, *visibility_of(city, np.inf))
         u, v = np.meshgrid(*view.pixel_centres())
         x, y, z = np.moveaxis(view.unproject(u, v, np.where(whole.coverage, whole.depth, 1.0).astype(float)), -1, 0)
         near_wall = np.minimum.reduce([np.abs(x + 15), np.abs(x - 15), np.abs(y - 30), np.abs(y - 80)])
@@ -109,7 +109,7 @@ class TestRoofs:
     def test_undersides_stay(self):
         city = city_of(block("bridge", -15.0, 30.0, 15.0, 80.0, 12.0, bottom=9.0))
         whole = captured(city)
-        left = without_unseen(whole, *sight(city, np.inf))
+        left = without_unseen(whole, *visibility_of(city, np.inf))
         depth = np.where(whole.coverage, whole.depth, 0.0).astype(float)
         x = depth * VIEW.pixel_centres()[0] / VIEW.focal
         under = whole.coverage & (np.abs(1.7 + depth * heights() - 9.0) < 0.01) & (np.abs(x) < 14.8)
@@ -134,7 +134,7 @@ class TestNearTwoWalls:
         lowest = np.full(len(walls.a), np.inf)
         lowest[front], lowest[behind] = (4.0, 12.0) if lower == "first" else (12.0, 4.0)
         whole = captured(city)
-        left = without_unseen(whole, *sight(city, lowest))
+        left = without_unseen(whole, *visibility_of(city, lowest))
         middle = np.zeros_like(whole.coverage)
         middle[:, 40:90] = True
         expected = whole.coverage & (1.7 + 50.0 * heights() + 0.5 >= 4.0)
@@ -144,7 +144,7 @@ class TestNearTwoWalls:
         city = city_of(block("wall", -15.0, 50.0, 15.0, 60.0, 20.0))
         walls = walls_of(city)
         side = (walls.a[:, 0] == 15.0) & (walls.b[:, 0] == 15.0)
-        left = without_unseen(captured(city), *sight(city, np.where(side, -np.inf, np.inf)))
+        left = without_unseen(captured(city), *visibility_of(city, np.where(side, -np.inf, np.inf)))
         # Within 0.05 m and a thousandth of the distance of x = 15: no texel but perhaps the last (0.5 m a texel).
         columns = np.flatnonzero(left.coverage.any(axis=0))
         assert np.all(columns >= 64 + math.floor(100.0 * 14.9 / 50.0) - 1)

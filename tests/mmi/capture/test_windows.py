@@ -9,7 +9,7 @@ from shapely.geometry import box
 
 from mmi.capture.windows import layer_views
 from mmi.parallax.texels import texel_ratios
-from mmi.visibility.selection import Sight
+from mmi.visibility.selection import WallVisibility
 from mmi.visibility.walls import Walls, walls_of
 
 FOCAL = 443.4
@@ -25,14 +25,18 @@ def test_walls_belong_to_their_objects_courtyards_included():
     assert both.tolist() == [*walls.of(np.array([0])), *walls.of(np.array([yard]))]
 
 
-def _views(city, objects, *, sectors=6, sight=None):
+def _views(city, objects, *, sectors=6, wall_visibility=None):
     walls, cell = walls_of(city), cell_along_x()
-    return dict(layer_views(walls, np.array(objects), cell, sectors=sectors, focal=FOCAL, quad=16, sight=sight))
+    return dict(
+        layer_views(
+            walls, np.array(objects), cell, sectors=sectors, focal=FOCAL, quad=16, wall_visibility=wall_visibility
+        )
+    )
 
 
 def _sight(lowest):
     """Walls seen from everywhere down to ``lowest`` (w,)."""
-    return Sight(np.array(lowest, dtype=np.float64), np.full(len(lowest), 1, dtype=np.uint64), 1)
+    return WallVisibility(np.array(lowest, dtype=np.float64), np.full(len(lowest), 1, dtype=np.uint64), 1)
 
 
 def _on_walls(city, count, rng):
@@ -144,12 +148,12 @@ def test_texels_are_as_fine_as_each_sector_needs_and_no_finer():
     assert views[1].focal == alone[1][1].focal < FOCAL * 1.05
 
 
-# What sight leaves
+# What the visibility of walls leaves
 
 
 def test_windows_end_where_sight_does():
     city = city_of(block("a", 80.0, -5.0, 90.0, 5.0, 10.0))
-    whole, upper = _views(city, [0])[0], _views(city, [0], sight=_sight([6.0] * 4))[0]
+    whole, upper = _views(city, [0])[0], _views(city, [0], wall_visibility=_sight([6.0] * 4))[0]
     top, height = upper.window[1], upper.window[3]
     assert (upper.window[0], top, upper.window[2]) == (whole.window[0], whole.window[1], whole.window[2])
     lower = (
@@ -157,16 +161,20 @@ def test_windows_end_where_sight_does():
     )  # of the farther wall, which is lower in the picture as it lies above the eye
     assert top + height - 16 <= lower <= top + height
     assert height < whole.window[3]
-    assert _views(city, [0], sight=_sight([-np.inf] * 4))[0].window == whole.window
+    assert _views(city, [0], wall_visibility=_sight([-np.inf] * 4))[0].window == whole.window
 
 
 def test_walls_out_of_sight_have_no_part_in_windows_and_texels():
     city = city_of(block("near", 45.0, -5.0, 55.0, 5.0, 10.0), block("far", 95.0, -40.0, 105.0, 40.0, 30.0))
     hidden = _sight([np.inf] * 4 + [-np.inf] * 4)
-    assert _views(city, [0, 1], sight=hidden)[0].window == _views(city, [1])[0].window
-    assert _views(city, [0, 1], sight=hidden)[0].focal == _views(city, [1])[0].focal < _views(city, [0, 1])[0].focal
-    assert _views(city, [0], sight=hidden) == {}
-    assert _views(city, [0], sight=_sight([10.0] * 8)) == {}  # its very top
+    assert _views(city, [0, 1], wall_visibility=hidden)[0].window == _views(city, [1])[0].window
+    assert (
+        _views(city, [0, 1], wall_visibility=hidden)[0].focal
+        == _views(city, [1])[0].focal
+        < _views(city, [0, 1])[0].focal
+    )
+    assert _views(city, [0], wall_visibility=hidden) == {}
+    assert _views(city, [0], wall_visibility=_sight([10.0] * 8)) == {}  # its very top
 
 
 def test_floating_prisms_have_windows_above_the_ground():

@@ -28,7 +28,7 @@ from mmi.foundation.errors import DatasetError
 from mmi.meshing.displacement import displacement
 from mmi.meshing.ordering import CapturedLayer, out_of_order
 from mmi.planning.parameters import BuildParameters
-from mmi.planning.plan import prepare_scene
+from mmi.planning.plan import prepare_city
 
 PARAMETERS = BuildParameters(near_distance=30.0, camera=Camera(128, 128, 1.0), cell_length=80.0, longest_object=None)
 
@@ -55,7 +55,7 @@ def nearly_same_vertices(one, other):
 
 
 def test_pictures_and_depths_are_what_was_captured(built, cell):
-    scene = prepare_scene(crossroads(), PARAMETERS)
+    scene = prepare_city(crossroads(), PARAMETERS)
     with Capturer(scene.mesh) as capturer:
         captured = build_cell(scene, stored_cell(built.cell(cell)), capturer)
     pictures, depths = read_pictures(built, cell), read_depths(built, cell)
@@ -84,7 +84,7 @@ def test_pictures_are_as_good_as_asked_for_and_coverage_always_is(tmp_path, buil
     """100 is lossless, also what nobody sees beyond silhouettes: filtering reaches there."""
     parameters = replace(PARAMETERS, texture_quality=quality)
     build_dataset(crossroads(), tmp_path / "out", parameters, cells=[cell])
-    scene = prepare_scene(crossroads(), parameters)
+    scene = prepare_city(crossroads(), parameters)
     with Capturer(scene.mesh) as capturer:
         captured = {one.name: one.texture for one in build_cell(scene, stored_cell(built.cell(cell)), capturer).layers}
     dataset = open_dataset(tmp_path / "out")
@@ -113,7 +113,7 @@ def test_the_exr_holds_depth_and_ids_for_other_programs(built, cell):
 
 
 def test_the_manifest_says_how_far_meshes_displace_texels(built, cell):
-    scene = prepare_scene(crossroads(), PARAMETERS)
+    scene = prepare_city(crossroads(), PARAMETERS)
     with Capturer(scene.mesh) as capturer:
         captured = build_cell(scene, stored_cell(built.cell(cell)), capturer)
     seen_from = np.column_stack([captured.cell.corners, np.full(4, captured.cell.reference[2])])
@@ -124,7 +124,7 @@ def test_the_manifest_says_how_far_meshes_displace_texels(built, cell):
 
 
 def test_triangles_that_need_captured_depths_come_last(built, cell):
-    scene = prepare_scene(crossroads(), PARAMETERS)
+    scene = prepare_city(crossroads(), PARAMETERS)
     with Capturer(scene.mesh) as capturer:
         captured = build_cell(scene, stored_cell(built.cell(cell)), capturer)
     eye = captured.cell.reference
@@ -351,7 +351,7 @@ def test_a_single_layer_may_hold_more_objects_than_one_pass_can_tell_apart():
     for row in range(20):  # each row is seen over those in front of it
         x, y = np.arange(20) * 8.0 - 80.0, 60.0 + 8.0 * row
         houses += [block(f"{row}/{i}", x[i], y, x[i] + 5.0, y + 5.0, 3.0 + 2.0 * row) for i in range(20)]
-    scene = prepare_scene(city_of(*houses), replace(PARAMETERS, layering="single", near_distance=30.0))
+    scene = prepare_city(city_of(*houses), replace(PARAMETERS, layering="single", near_distance=30.0))
     graph = viewing_cells(scene.city, max_length=80.0, eye=(1.5, 1.9))
     with Capturer(scene.mesh) as capturer:
         impostor = build_cell(scene, graph.nodes[next(iter(graph))]["cell"], capturer)

@@ -34,7 +34,7 @@ def plane(height, width, a, b, c):
 
 
 def around(texture, *, length=40.0, half_width=3.0):
-    """Corners of a cell with the capture in its middle, lying across the line of sight."""
+    """Corners of a cell with the capture in its middle, lying across the line of wall_visibility."""
     return texture.view.eye + np.array(
         [[x, y, 0.0] for x in (-0.5 * length, 0.5 * length) for y in (-half_width, half_width)]
     )

@@ -136,18 +136,18 @@ def most(city, cell, front, back, *, rng, hidden=False, turn=(0.0, 0.0), rays=40
     )
 
 
-def weights(city, cell, sight=None, *, quad=QUAD):
+def weights(city, cell, wall_visibility=None, *, quad=QUAD):
     """(n, n) symmetric: :func:`same_ray_weights` of all objects."""
     n = len(city.objects)
-    pairs, found = same_ray_weights(cell, walls_of(city), np.arange(n), sight, quad=quad)
+    pairs, found = same_ray_weights(cell, walls_of(city), np.arange(n), wall_visibility, quad=quad)
     table = np.zeros((n, n))
     table[pairs[:, 0], pairs[:, 1]] = found
     assert np.all(pairs[:, 0] < pairs[:, 1])
     return np.maximum(table, table.T)
 
 
-def parallax(city, cell, sight=None, *, texel=0.0):
-    return self_parallax(city, cell, walls_of(city), np.arange(len(city.objects)), sight, texel=texel)
+def parallax(city, cell, wall_visibility=None, *, texel=0.0):
+    return self_parallax(city, cell, walls_of(city), np.arange(len(city.objects)), wall_visibility, texel=texel)
 
 
 def sight_of(city, cell):
@@ -389,9 +389,11 @@ class TestWhatCounts:
 
     def test_walls_that_nobody_sees_count_for_nothing(self):
         city, cell = city_of(block("a", -10, 50, 10, 60, 12), block("b", -20, 90, 20, 99, 30)), cell_along_x(40.0, 3.0)
-        sight = sight_of(city, cell)
+        wall_visibility = sight_of(city, cell)
         assert (parallax(city, cell) > 0.0).any()
-        hidden = type(sight)(np.full_like(sight.lowest, np.inf), np.zeros_like(sight.bits), sight.bins)
+        hidden = type(wall_visibility)(
+            np.full_like(wall_visibility.lowest, np.inf), np.zeros_like(wall_visibility.bits), wall_visibility.bins
+        )
         assert not parallax(city, cell, hidden).any()
         assert not weights(city, cell, hidden).any()
 

@@ -11,8 +11,8 @@ from solids import Solids, city_from, solids_from
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.foundation.thickness import thickness
 from mmi.planning.rehearsal import rehearse
-from mmi.visibility.outlook import around
-from mmi.visibility.selection import Sight
+from mmi.visibility.selection import WallVisibility
+from mmi.visibility.visible_walls import around
 from mmi.visibility.walls import walls_of
 
 PIXEL = 0.011
@@ -25,8 +25,10 @@ CELL = cell_along_x(40.0, 3.0)
 def rehearsed(city, layers, limit, cell=CELL, pixel=PIXEL):
     walls = walls_of(city)
     everything = np.full(len(walls.a), -np.inf), np.full(len(walls.a), SEEN, dtype=np.uint64)
-    sight = Sight(*everything, BINS)
-    return rehearse(cell, walls, np.arange(len(city.objects)), layers, sight, pixel=(pixel, pixel), limit=limit)
+    wall_visibility = WallVisibility(*everything, BINS)
+    return rehearse(
+        cell, walls, np.arange(len(city.objects)), layers, wall_visibility, pixel=(pixel, pixel), limit=limit
+    )
 
 
 def walls_under(city, points, owners):

@@ -1,4 +1,6 @@
-"""What the horizon sweep says about walls (``Sight``) against rays: what a ray sees is above the lowest and in a bin."""
+"""What the horizon sweep says about walls (``WallVisibility``) against rays: what a ray sees is above the lowest and in a
+bin.
+"""
 
 import math
 
@@ -55,27 +57,27 @@ def behind(cell, x, m):
 
 
 def check(city, cell, *, count, seed, **options):
-    visible, sight = horizon_visible(prepare_horizon(city, **options), cell)
+    visible, wall_visibility = horizon_visible(prepare_horizon(city, **options), cell)
     x, w, m = sights(city, cell, count=count, rng=np.random.default_rng(seed))
     owners = Solids(city).walls[w, 5].astype(int)
     assert np.isin(owners, visible).all()
-    too_low = sight.lowest[w] - x[:, 2]
+    too_low = wall_visibility.lowest[w] - x[:, 2]
     worst = int(np.argmax(too_low)) if len(w) else 0
     assert not len(w) or too_low[worst] <= 1e-6, (
-        f"wall {w[worst]} of {owners[worst]}: {x[worst]} is seen from {m[worst]}, lowest is {sight.lowest[w[worst]]}"
+        f"wall {w[worst]} of {owners[worst]}: {x[worst]} is seen from {m[worst]}, lowest is {wall_visibility.lowest[w[worst]]}"
     )
-    place = np.floor(behind(cell, x, m) * sight.bins).astype(int)
-    bits = sight.bits[w]
+    place = np.floor(behind(cell, x, m) * wall_visibility.bins).astype(int)
+    bits = wall_visibility.bits[w]
     found = np.zeros(len(w), dtype=bool)
     # Where there are more viewpoints than bins, a viewpoint's stretch of the outline reaches into the next bin.
-    for step in (0,) if sight.bins < BINS else (-1, 0, 1):
-        found |= (bits >> ((place + step) % sight.bins).astype(np.uint64)) & np.uint64(1) == 1
+    for step in (0,) if wall_visibility.bins < BINS else (-1, 0, 1):
+        found |= (bits >> ((place + step) % wall_visibility.bins).astype(np.uint64)) & np.uint64(1) == 1
     missed = np.flatnonzero(~found)
     assert not len(missed), (
         f"{len(missed)} of {len(w)}; wall {w[missed[0]]}: {x[missed[0]]} is seen from {m[missed[0]]}, "
-        f"bin {place[missed[0]]} of {sight.bins}, bits {int(bits[missed[0]]):b}"
+        f"bin {place[missed[0]]} of {wall_visibility.bins}, bits {int(bits[missed[0]]):b}"
     )
-    return sight, len(w)
+    return wall_visibility, len(w)
 
 
 @settings(max_examples=120, deadline=None)
@@ -102,30 +104,30 @@ def test_the_same_in_streets_that_hide_a_lot(seed):
                 objects.append(block(f"{side}/{row}/{x:.2f}", x, y0, x + wide, y1, rng.uniform(least, 3.0 * least)))
                 x += wide + rng.choice([0.0, 0.3, 4.0])
     cell = cell_along_x(30.0, 3.5)
-    sight, seen = check(city_of(*objects), cell, count=60000, seed=seed)
+    wall_visibility, seen = check(city_of(*objects), cell, count=60000, seed=seed)
     assert seen > 1000
-    assert np.count_nonzero(np.isinf(sight.lowest) & (sight.lowest > 0)) > 30  # a lot is hidden
-    assert np.count_nonzero(np.isfinite(sight.lowest)) > 10
+    assert np.count_nonzero(np.isinf(wall_visibility.lowest) & (wall_visibility.lowest > 0)) > 30  # a lot is hidden
+    assert np.count_nonzero(np.isfinite(wall_visibility.lowest)) > 10
 
 
 def test_the_crossroads():
-    sight, _ = check(crossroads(), cell_along_x(40.0, 3.0), count=100_000, seed=0)
-    assert sight.bins == len(
-        np.flatnonzero(np.bitwise_or.reduce(sight.bits) >> np.arange(64, dtype=np.uint64) & np.uint64(1))
+    wall_visibility, _ = check(crossroads(), cell_along_x(40.0, 3.0), count=100_000, seed=0)
+    assert wall_visibility.bins == len(
+        np.flatnonzero(np.bitwise_or.reduce(wall_visibility.bits) >> np.arange(64, dtype=np.uint64) & np.uint64(1))
     )
 
 
 def test_walls_are_counted_as_elsewhere():
     city = crossroads()
     walls, solids = walls_of(city), Solids(city)
-    sight = horizon_visible(prepare_horizon(city), cell_along_x())[1]
-    assert sight.lowest.shape == sight.bits.shape == (len(solids.walls),)
+    wall_visibility = horizon_visible(prepare_horizon(city), cell_along_x())[1]
+    assert wall_visibility.lowest.shape == wall_visibility.bits.shape == (len(solids.walls),)
     np.testing.assert_array_equal(np.column_stack([walls.a, walls.b]), solids.walls[:, :4])
     np.testing.assert_array_equal(np.repeat(np.arange(len(city.objects)), np.diff(walls.first)), solids.walls[:, 5])
 
 
 class TestUseful:
-    """Safe is not enough: a sight that says everything is visible would pass what is above."""
+    """Safe is not enough: a visibility that says everything is visible would pass what is above."""
 
     def lowest(self, city, cell, side, **options):
         """Of the wall of object 1 at y = ``side``."""
@@ -165,9 +167,11 @@ class TestUseful:
         cell = cell_along_x(40.0, 3.0)
         walls = walls_of(city)
         (wall,) = [w for w in range(walls.first[1], walls.first[2]) if walls.a[w, 1] == walls.b[w, 1] == 400.0]
-        sight = horizon_visible(prepare_horizon(city, shrink=0.5, columns=4096), cell)[1]
-        around = np.flatnonzero(sight.bits[wall] >> np.arange(sight.bins, dtype=np.uint64) & np.uint64(1))
-        middles = (around + 0.5) / sight.bins * 92.0  # metres from the corner (-20, -3)
+        wall_visibility = horizon_visible(prepare_horizon(city, shrink=0.5, columns=4096), cell)[1]
+        around = np.flatnonzero(
+            wall_visibility.bits[wall] >> np.arange(wall_visibility.bins, dtype=np.uint64) & np.uint64(1)
+        )
+        middles = (around + 0.5) / wall_visibility.bins * 92.0  # metres from the corner (-20, -3)
         assert len(around)
         x = np.where(
             middles < 40.0,

@@ -27,7 +27,7 @@ from mmi.city.model import CityObject, Prism
 from mmi.foundation.camera import Camera, level_view
 from mmi.foundation.thickness import thickness
 from mmi.planning.parameters import BuildParameters
-from mmi.planning.plan import prepare_scene
+from mmi.planning.plan import prepare_city
 
 CAMERA = Camera(256, 256, math.radians(60.0))
 
@@ -154,7 +154,7 @@ def views_of(city, cell, count, rng):
 
 def built(city, cell, threshold, **options):
     parameters = BuildParameters(max_error_px=threshold, camera=CAMERA, **{"near_distance": 4.0, **options})
-    scene = prepare_scene(city, parameters)
+    scene = prepare_city(city, parameters)
     with Capturer(scene.mesh) as capturer:
         return build_cell(scene, cell, capturer)
 

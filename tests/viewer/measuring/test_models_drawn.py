@@ -20,7 +20,7 @@ from mmi.cells.viewing_cells import viewing_cells
 from mmi.foundation.camera import level_view
 from mmi.foundation.thickness import thickness
 from mmi.planning.parameters import BuildParameters
-from mmi.planning.plan import prepare_scene
+from mmi.planning.plan import prepare_city
 from viewer.walks.random_views import random_views
 from viewer.walks.tour import tour
 
@@ -63,7 +63,7 @@ def worst(city, cell, impostor, *, views, seed):
 
 def holds(city, cell, threshold, *, views, seed=0):
     parameters = BuildParameters(max_error_px=threshold, camera=CAMERA, near_distance=4.0)
-    scene = prepare_scene(city, parameters)
+    scene = prepare_city(city, parameters)
     with Capturer(scene.mesh) as capturer:
         impostor = build_cell(scene, cell, capturer)
     assert impostor.far.size > 3  # there is something to hold for

@@ -18,17 +18,17 @@ from numpy.typing import NDArray
 
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.visibility.horizon_sweep import BINS
-from mmi.visibility.selection import Sight
+from mmi.visibility.selection import WallVisibility
 from mmi.visibility.walls import Walls
 
-__all__ = ["VIEWPOINTS", "Outlook", "around", "outlook_of", "seen_from"]
+__all__ = ["VIEWPOINTS", "VisibleWalls", "around", "seen_from", "visible_walls"]
 
 VIEWPOINTS = 64
 """Around a cell, at least."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outlook:
+class VisibleWalls:
     """The walls of some objects as seen from the reference viewpoint, and the viewpoints that may see them.
 
     ``a``, ``b`` (w, 2) metres from the reference; ``bottom``, ``low``, ``top`` (w,) metres above it: the wall, and the lowest
@@ -51,24 +51,28 @@ class Outlook:
     rise: float
 
 
-def outlook_of(cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], sight: Sight | None) -> Outlook:
-    """The walls of ``objects`` (n,) from a cell's reference viewpoint; without ``sight`` all that face the cell show."""
+def visible_walls(
+    cell: ViewingCell, walls: Walls, objects: NDArray[np.int64], wall_visibility: WallVisibility | None
+) -> VisibleWalls:
+    """The walls of ``objects`` (n,) from a cell's reference viewpoint; without ``wall_visibility`` all that face the cell
+    show.
+    """
     index = walls.of(objects)
     counts = walls.first[objects + 1] - walls.first[objects]
     x, y, eye = cell.reference
     a, b = walls.a[index] - (x, y), walls.b[index] - (x, y)
     bottom, top = walls.bottom[index] - eye, walls.top[index] - eye
     corners = cell.corners - (x, y)
-    bins = BINS if sight is None else sight.bins
-    bits = np.full(len(index), 2**64 - 1, dtype=np.uint64) if sight is None else sight.bits[index]
-    low = bottom.copy() if sight is None else np.maximum(bottom, sight.lowest[index] - eye)
+    bins = BINS if wall_visibility is None else wall_visibility.bins
+    bits = np.full(len(index), 2**64 - 1, dtype=np.uint64) if wall_visibility is None else wall_visibility.bits[index]
+    low = bottom.copy() if wall_visibility is None else np.maximum(bottom, wall_visibility.lowest[index] - eye)
     seen = seen_from(bits, bins)
     viewpoints = around(corners, seen.shape[1])
     whence = _whence(a, b, seen & (low < top)[:, None], corners, viewpoints)
     rise = 0.5 * (cell.eye[1] - cell.eye[0])
     ends = (bottom > -rise) | (top < rise)
     whence[ends], low[ends] = True, bottom[ends]
-    return Outlook(
+    return VisibleWalls(
         a=a,
         b=b,
         bottom=bottom,
