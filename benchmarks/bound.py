@@ -90,9 +90,12 @@ def measure(folder: Path, views: int, seed: int, worst: Path | None, keep: int) 
             name.unlink()
     thick, beyond, displaced, wrong, gaps = np.array(found).T
     cells = [scene.dataset.cell(cell.id) for cell in scene.whereabouts.cells]
-    mean = {key: np.mean([entry[key] for entry in cells]) for key in ("near_triangles", "triangles", "texels", "bytes")}
-    near = np.mean([len(entry["near"]) for entry in cells])
-    layers = np.mean([len({one["index"] for sector in entry["layers"] for one in sector}) for entry in cells])
+    mean = {
+        key: np.mean([getattr(entry, key) for entry in cells])
+        for key in ("near_triangles", "triangles", "texels", "bytes")
+    }
+    near = np.mean([len(entry.near) for entry in cells])
+    layers = np.mean([entry.layer_count for entry in cells])
     return (
         f"| {folder.name} | {limit - 2.0:g} | {views} | {100.0 * wrong.mean():.3f} | {gaps.mean():.1f} | "
         f"{np.percentile(thick, 50):.0f} / {np.percentile(thick, 99):.0f} / {thick.max():.0f} | "

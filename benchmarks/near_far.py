@@ -73,7 +73,7 @@ def costs(scene: PreparedCity, seen: Seen, near: NDArray[np.bool_], *, paper: bo
     graph = event_graph(far, pairs, weights, threshold=parameters.max_angle)
     layers = assign_layers(graph, boxes, strategy="smallest-last")
     triangles = scene.mesh.triangle_counts[selection.objects[near]].sum()
-    worst = parameters.camera.pixels_from_angle(min(float(seen.missed[~near].max(initial=0.0)), 1.5))
+    worst = parameters.camera.pixels_from_angle(float(seen.missed[~near].max(initial=0.0)))
     return near.sum(), triangles, len(layers), worst
 
 

@@ -84,8 +84,8 @@ def reference_views(scene: Scene, cells: Sequence[str]) -> Iterator[ReferenceVie
             # Where streets cross, a viewer may be in several cells: here it is in this one.
             alone = replace(scene, whereabouts=Whereabouts((scene.cell(name).cell,), {}))
             technique = make_technique("multi-mesh", {"multi-mesh": alone})
-            x, y, z = entry["reference"]
-            sectors = len(entry["layers"])
+            x, y, z = entry.reference
+            sectors = len(entry.layers)
             for sector in range(sectors):
                 view = Pose((x, y, z), math.tau * sector / sectors, 0.0).view(camera)
                 plan = technique.plan(view, now=0.0, budget=budget)

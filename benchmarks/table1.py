@@ -46,8 +46,8 @@ def main() -> None:
     options = parser.parse_args()
     techniques = options.techniques.split(",")
     scene = open_scene(open_dataset(options.dataset), name="multi-mesh")
-    entries = {entry["id"]: entry for entry in scene.dataset.manifest["cells"]}
-    neighbours = {name: entry["neighbours"] for name, entry in entries.items()}
+    entries = {entry.id: entry for entry in scene.dataset.manifest.cells}
+    neighbours = {name: entry.neighbours for name, entry in entries.items()}
     walk = tour(scene.whereabouts.cells, neighbours, metres=options.tour, speed=options.speed, seed=options.seed)
     visited: list[str] = []
     for step in walk.frames(30.0):

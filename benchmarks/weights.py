@@ -117,9 +117,7 @@ def measure(city: City, cells: list[ViewingCell], arguments: argparse.Namespace)
             rows["unsigned / signed, median"].append(float(np.median(unsigned / weights)) if len(pairs) else 1.0)
         tops = [one.top for one in objects]
         boxes = timed("boxes", panorama_boxes, cell.reference, footprints, [one.base for one in objects], tops)
-        rows["median weight, px"].append(
-            camera.pixels_from_angle(min(float(np.median(weights)), 1.5)) if len(pairs) else 0.0
-        )
+        rows["median weight, px"].append(camera.pixels_from_angle(float(np.median(weights))) if len(pairs) else 0.0)
         for pixels in arguments.pixels:
             threshold = camera.angle_from_pixels(pixels)
             graph = timed("event graph", event_graph, selection.far, pairs, weights, threshold=threshold)

@@ -136,10 +136,11 @@ def test_it_builds_and_says_what_was_mended(capsys, tmp_path, name):
         assert found, (what, tallies)
         assert max(found) >= least, (what, found)
     dataset = open_dataset(tmp_path / "out")
-    assert dataset.manifest["city"]["objects"] >= objects
-    for cell in dataset.manifest["cells"]:
-        assert cell["near"] or cell["far"]
-        assert cell["largest_weight_px"] <= cell["promised_error_px"]
+    assert dataset.manifest.city.objects >= objects
+    for cell in dataset.manifest.cells:
+        assert cell.near or cell.far
+        assert cell.largest_weight_px <= dataset.manifest.parameters.max_error_px
+        assert cell.promised_error_px == dataset.manifest.parameters.max_error_px or cell.promise_withheld
 
 
 REFUSED = {

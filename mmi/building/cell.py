@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mmi.capture.covered_parts import covered_parts
-from mmi.capture.layer_values import Impostor, Layer
+from mmi.appearance.city_mesh import triangles_of
+from mmi.capture.covered_pieces import covered_pieces
+from mmi.capture.layer_values import Impostor, Layer, Promise
 from mmi.capture.rims import touching, with_rims
 from mmi.capture.unseen import without_unseen
 from mmi.capture.windows import layer_views
@@ -17,12 +20,13 @@ from mmi.cells.viewing_cells import ViewingCell
 from mmi.foundation.stopwatch import Stopwatch
 from mmi.meshing.displacement import displacement
 from mmi.meshing.grid_mesh import grid_mesh
+from mmi.meshing.ordering import CapturedLayer, out_of_order
 from mmi.planning.plan import CellPlan, PreparedCity, plan_cell
 
 if TYPE_CHECKING:
     from mmi.capture.renderer import Capturer
 
-__all__ = ["build_cell", "capture_layers"]
+__all__ = ["build_cell", "capture_cell", "capture_layers"]
 
 _MESH_SHARE = 0.5
 """Of the threshold: what a mesh may displace where depth does not jump."""
@@ -53,34 +57,103 @@ def capture_layers(
                 wall_visibility=wall_visibility,
             )
         from_here = [view for _, view in views]
-        textures = capturer.captures(objects, from_here, supersample=parameters.supersample)
         ends = pairs[np.isin(pairs[:, 0], objects) & ~np.isin(pairs[:, 1], objects)]
-        rims = capturer.captures(np.unique(ends[:, 1]), from_here)  # a texel wide: no subsamples
-        for sector, _ in views:
-            with watch.stage("capture"):
-                whole, rim = next(textures), next(rims, None)
-            with watch.stage("meshing"):
-                if wall_visibility is not None:
-                    whole = without_unseen(whole, prepared.walls, wall_visibility)
-                if rim is not None:
-                    whole = with_rims(whole, rim, ends, viewpoints=viewpoints, tolerance=tolerance)
-                parts = covered_parts(whole, quad=parameters.quad, half_width=half_width)
-            del whole, rim
-            for part, texture in enumerate(parts):
+        with (
+            closing(capturer.captures(objects, from_here, supersample=parameters.supersample)) as textures,
+            closing(capturer.captures(np.unique(ends[:, 1]), from_here)) as rims,  # a texel wide: no subsamples
+        ):
+            for sector, _ in views:
+                with watch.stage("capture"):
+                    whole, rim = next(textures), next(rims, None)
                 with watch.stage("meshing"):
-                    mesh = grid_mesh(texture, viewpoints=viewpoints, tolerance=_MESH_SHARE * parameters.max_angle)
-                    shown = objects[np.isin(objects, texture.object_ids, kind="table")]
-                    displaced = displacement(texture, mesh, viewpoints)
-                yield Layer(index, sector, part, shown, texture, mesh, displaced)
-        textures.close()
-        rims.close()
+                    if wall_visibility is not None:
+                        whole = without_unseen(whole, prepared.walls, wall_visibility)
+                    if rim is not None:
+                        whole = with_rims(whole, rim, ends, viewpoints=viewpoints, tolerance=tolerance)
+                    pieces = covered_pieces(whole, quad=parameters.quad, half_width=half_width)
+                for piece, texture in enumerate(pieces):
+                    with watch.stage("meshing"):
+                        mesh = grid_mesh(texture, viewpoints=viewpoints, tolerance=_MESH_SHARE * parameters.max_angle)
+                        shown = objects[np.isin(objects, texture.object_ids, kind="table")]
+                        displaced = displacement(texture, mesh, viewpoints)
+                    yield Layer(index, sector, piece, shown, texture, mesh, displaced)
+
+
+def capture_cell(
+    prepared: PreparedCity, plan: CellPlan, capturer: Capturer, *, watch: Stopwatch | None = None
+) -> Impostor:
+    """The impostor that a plan describes, its triangles in the order in which they can be drawn."""
+    watch, selection = watch or Stopwatch(), plan.selection
+    layers = list(capture_layers(prepared, plan, capturer, watch=watch))
+    with watch.stage("ordering"):
+        ordered = _in_order(prepared, plan, layers)
+    return Impostor(
+        cell=selection.cell,
+        near=selection.near,
+        far=selection.far,
+        layers=ordered,
+        sectors=prepared.parameters.sectors,
+        near_triangles=int(prepared.mesh.triangle_counts[selection.near].sum()),
+        promise=_promise(prepared, plan, ordered),
+    )
 
 
 def build_cell(
     prepared: PreparedCity, cell: ViewingCell, capturer: Capturer, *, watch: Stopwatch | None = None
 ) -> Impostor:
-    """A cell's multi-mesh impostor (paper section 4), its layers sorted by sector."""
+    """A cell's multi-mesh impostor (paper section 4)."""
     plan = plan_cell(prepared, cell, identify=capturer.identify, watch=watch)
-    layers = capture_layers(prepared, plan, capturer, watch=watch)
-    by_sector = tuple(sorted(layers, key=lambda layer: (layer.sector, layer.index, layer.part)))
-    return Impostor(cell, plan.selection.near, plan.selection.far, by_sector)
+    return capture_cell(prepared, plan, capturer, watch=watch)
+
+
+def _in_order(prepared: PreparedCity, plan: CellPlan, layers: Sequence[Layer]) -> tuple[Layer, ...]:
+    """The layers with the triangles last that need captured depths (:mod:`mmi.meshing.ordering`)."""
+    cell, city = plan.selection.cell, prepared.city
+    flags = out_of_order(
+        [CapturedLayer(one.index, one.texture.view, one.mesh, one.texture.depth) for one in layers],
+        max_angle=prepared.parameters.max_angle,
+        eye_height=max(float(cell.reference[2] - city.ground_at(cell.reference)), 0.0),
+        solids=prepared.mesh.positions[triangles_of(prepared.mesh, plan.selection.near)] - cell.reference,
+        terrain=city.terrain,
+    )
+    ordered = []
+    for layer, late in zip(layers, flags, strict=True):
+        triangles = layer.mesh.triangles[np.argsort(late, kind="stable")]
+        mesh = replace(layer.mesh, triangles=triangles)
+        ordered.append(replace(layer, mesh=mesh, in_order=int(np.count_nonzero(~late))))
+    return tuple(ordered)
+
+
+def _promise(prepared: PreparedCity, plan: CellPlan, layers: Sequence[Layer]) -> Promise:
+    """What can be promised of these layers: the threshold where all that is shown is bounded, else nothing."""
+    parameters, selection = prepared.parameters, plan.selection
+    camera, limit = parameters.camera, parameters.max_error_px
+    displaced = camera.pixels_from_angle(max((one.displacement for one in layers), default=0.0))
+    detailed = sum(prepared.city.objects[i].mesh is not None for i in selection.objects)
+    withheld = None
+    if not parameters.bounded:
+        withheld = f"weights {parameters.weights} with layering {parameters.layering} keep no bound"
+    elif detailed:
+        withheld = f"visible objects with meshes of their own, whose roofs and reveals are not bounded: {detailed}"
+    elif displaced > limit:
+        withheld = f"a mesh displaces what it shows by {displaced:.1f} px, {limit:g} px were asked for"
+    elif plan.missed is not None and plan.missed > limit:
+        withheld = f"layers miss a region {plan.missed:.1f} px thick, {limit:g} px were asked for"
+    return Promise(
+        error_px=limit if withheld is None else None,
+        withheld=withheld,
+        largest_weight_px=camera.pixels_from_angle(_largest_weight(plan)),
+        missed_px=plan.missed,
+        displacement_px=displaced,
+    )
+
+
+def _largest_weight(plan: CellPlan) -> float:
+    """Radians: the largest weight of a pair that shares a layer, or self-parallax."""
+    layer_of = {int(i): index for index, objects in enumerate(plan.layers) for i in objects}
+    together = np.array([layer_of[int(a)] == layer_of[int(b)] for a, b in plan.pairs], dtype=bool)
+    largest = float(np.max(plan.weights[together], initial=0.0))
+    selection = plan.selection
+    if selection.parallax is not None:
+        largest = float(np.max(selection.parallax[np.isin(selection.objects, selection.far)], initial=largest))
+    return largest

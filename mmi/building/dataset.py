@@ -5,11 +5,12 @@ neighbourhood, and the city; while it is current nothing needs to be looked at. 
 were made from: parameters, cell, the objects that are visible from it, and hills. When the city has changed, a cell is planned
 again, which is cheap, and only if its content differs is it captured again.
 
-A cell that exceeds a budget is cut in halves (:mod:`mmi.building.halving`). Its record then has ``halves``, and no files.
+A cell that exceeds a budget is cut in halves (:mod:`mmi.building.halving`). Its record then has no entry, and it has no files.
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -20,20 +21,21 @@ from typing import Any
 import networkx as nx
 
 from mmi.building.halving import whole_of, with_halves_joined
-from mmi.building.processes import Done, Job, costs_over_budget, run_jobs
+from mmi.building.workers import Done, Job, costs_over_budget, run_jobs
 from mmi.cells.viewing_cells import spread, viewing_cells
 from mmi.city.codec import city_to_json
 from mmi.city.long_objects import cut_objects
 from mmi.city.model import City
 from mmi.dataset.city_files import city_glb
-from mmi.dataset.folder import FORMAT_VERSION, DatasetFolder, build_folder
+from mmi.dataset.folder import DatasetFolder, build_folder
+from mmi.dataset.manifest import FORMAT_VERSION, CellRecord, CityEntry, CityFiles, Manifest, manifest_to_json
 from mmi.foundation.errors import DatasetError, ParameterError
-from mmi.foundation.json_forms import fingerprint, readable_json, with_checksum
+from mmi.foundation.json_forms import fingerprint, readable_json
 from mmi.foundation.processes import package_version, peak_memory
 from mmi.planning.parameters import BuildParameters
 from mmi.planning.plan import landmark_factors
 
-__all__ = ["BuildSummary", "build_dataset", "cells_to_build"]
+__all__ = ["BuildSummary", "CellChoice", "build_dataset", "choose_cells"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +57,22 @@ class BuildSummary:
     """Cells that were cut in halves to keep the budgets."""
     over_budget: dict[str, dict[str, tuple[int, int]]]
     """Cells that exceed a budget and are too short to be cut: id -> budget -> (what it costs, what it may cost)."""
+    withheld: dict[str, str]
+    """Cells whose errors are not bounded: id -> why, in words."""
 
 
-def cells_to_build(
+@dataclass(frozen=True, slots=True, eq=False)
+class CellChoice:
+    """The ``graph`` of all viewing cells of a city, and the ``names`` of those to build; from :func:`choose_cells`."""
+
+    graph: nx.Graph
+    names: tuple[str, ...]
+
+
+def choose_cells(
     city: City, parameters: BuildParameters, *, cells: Sequence[str] | None = None, max_cells: int | None = None
-) -> tuple[nx.Graph, list[str]]:
-    """The graph of all viewing cells, and the ids asked for: all, those named, or ``max_cells`` spread over the city.
+) -> CellChoice:
+    """Cut the streets into viewing cells and choose some: all, those named, or ``max_cells`` spread over the city.
 
     Raises ParameterError for an unknown cell or landmark, or where there are no cells at all.
     """
@@ -73,12 +85,12 @@ def cells_to_build(
         if unknown:
             some = ", ".join(list(graph)[:3])
             raise ParameterError(f"cell {unknown[0]}: one of the {len(graph)} cells ({some}, ...) expected")
-        return graph, sorted(set(cells))
+        return CellChoice(graph, tuple(sorted(set(cells))))
     if max_cells is not None:
         if max_cells < 1:
             raise ParameterError(f"a number of cells of at least 1 expected, found {max_cells}")
-        return graph, sorted(spread(graph, max_cells))
-    return graph, sorted(graph)
+        return CellChoice(graph, tuple(sorted(spread(graph, max_cells))))
+    return CellChoice(graph, tuple(sorted(graph)))
 
 
 def build_dataset(
@@ -86,7 +98,7 @@ def build_dataset(
     out: Path,
     parameters: BuildParameters | None = None,
     *,
-    cells: Sequence[str] | None = None,
+    cells: Sequence[str] | CellChoice | None = None,
     max_cells: int | None = None,
     workers: int = 1,
     progress: Callable[[int, int, str], None] | None = None,
@@ -94,7 +106,8 @@ def build_dataset(
     """Build, resume or bring up to date the dataset in folder ``out``.
 
     The bytes depend on city and parameters alone (``build.json`` aside). Cells of earlier builds that are still current
-    stay in the dataset, asked for or not. ``progress`` is called with (cells done, cells to do, cell).
+    stay in the dataset, asked for or not. ``cells`` are ids, or what :func:`choose_cells` returned, which is not chosen again;
+    ``max_cells`` are spread over the city. ``progress`` is called with (cells done, cells to do, cell).
 
     Raises ParameterError, CaptureError, DatasetError.
     """
@@ -102,13 +115,15 @@ def build_dataset(
     if workers < 1:
         raise ParameterError(f"a number of workers of at least 1 expected, found {workers}")
     start = time.perf_counter()
-    graph, names = cells_to_build(city, parameters, cells=cells, max_cells=max_cells)
+    chosen = (
+        cells if isinstance(cells, CellChoice) else choose_cells(city, parameters, cells=cells, max_cells=max_cells)
+    )
+    graph, names = chosen.graph, chosen.names
     city = cut_objects(city, parameters.longest_object)
     with build_folder(Path(out)) as folder:
         stored = city_to_json(city)
         settings = {"format": FORMAT_VERSION, "version": package_version(), "parameters": parameters.as_dict()}
-        city_print = fingerprint(stored.decode())
-        common = fingerprint([settings, city_print])
+        common = fingerprint([settings, hashlib.sha256(stored).hexdigest()])
         jobs = [Job(graph.nodes[name]["cell"], tuple(sorted(graph.neighbors(name))), common) for name in graph]
         current, pending = _divided(folder, jobs, set(names))
         shared = _write_shared(folder, city, stored)
@@ -125,9 +140,9 @@ def build_dataset(
         for stale in set(folder.recorded_cells()) - present:
             folder.remove_cell(stale)
         records = [_recorded(folder, name) for name in sorted(present)]
-        entries = with_halves_joined([record["entry"] for record in records if not record["halves"]])
-        manifest = _manifest(parameters, shared, entries)
-        folder.write("manifest.json", readable_json(manifest))
+        entries = with_halves_joined([record.entry for record in records if record.entry is not None])
+        manifest = Manifest(shared, parameters, tuple(entries))
+        folder.write("manifest.json", manifest_to_json(manifest))
         complete = len({whole_of(name) for name in current} & set(names) - {whole_of(job.cell.id) for job in pending})
         parts = sum(one.part_of is not None for one in city.objects)
         summary = _summary(done, complete, parameters, manifest, time.perf_counter() - start, workers, parts)
@@ -141,15 +156,15 @@ def _divided(folder: DatasetFolder, jobs: list[Job], wanted: set[str]) -> tuple[
     while open_jobs:
         job = open_jobs.pop()
         record = folder.record(job.cell.id)
-        if record is not None and record.get("inputs") == job.inputs:
+        if record is not None and record.inputs == job.inputs:
             current.add(job.cell.id)
-            open_jobs += reversed(job.halves() if record["halves"] else [])
+            open_jobs += reversed(job.halves() if record.entry is None else [])
         elif whole_of(job.cell.id) in wanted:
             pending.append(job)
     return current, pending
 
 
-def _recorded(folder: DatasetFolder, name: str) -> dict[str, Any]:
+def _recorded(folder: DatasetFolder, name: str) -> CellRecord:
     record = folder.record(name, check=False)
     if record is None:
         raise DatasetError(
@@ -158,42 +173,28 @@ def _recorded(folder: DatasetFolder, name: str) -> dict[str, Any]:
     return record
 
 
-def _write_shared(folder: DatasetFolder, city: City, stored: bytes) -> dict[str, Any]:
+def _write_shared(folder: DatasetFolder, city: City, stored: bytes) -> CityEntry:
     """The manifest's entry ``city``; writes the two files that all cells share."""
     geometry, triangles = city_glb(city)
-    return {
-        "source": city.source,
-        "crs": city.crs,
-        "origin": list(city.origin),
-        "ground": city.ground,
-        "objects": len(city.objects),
-        "triangles": triangles,
-        "files": {"json": folder.write("city.json", stored), "glb": folder.write("city.glb", geometry)},
-    }
+    return CityEntry(
+        source=city.source,
+        crs=city.crs,
+        origin=city.origin,
+        ground=city.ground,
+        objects=len(city.objects),
+        triangles=triangles,
+        files=CityFiles(json=folder.write("city.json", stored), glb=folder.write("city.glb", geometry)),
+    )
 
 
 # ------------------------------------------------------------------------------------------------------- summaries
-
-
-def _manifest(parameters: BuildParameters, shared: dict[str, Any], entries: list[dict[str, Any]]) -> dict[str, Any]:
-    """What is in the dataset; see schemas/manifest.json."""
-    size = sum(entry["bytes"] for entry in entries) + sum(file["bytes"] for file in shared["files"].values())
-    return with_checksum(
-        {
-            "format_version": FORMAT_VERSION,
-            "city": shared,
-            "parameters": parameters.as_dict(),
-            "cells": entries,
-            "totals": {"cells": len(entries), "bytes": size},
-        }
-    )
 
 
 def _summary(
     done: list[Done],
     complete: int,
     parameters: BuildParameters,
-    manifest: dict[str, Any],
+    manifest: Manifest,
     seconds: float,
     workers: int,
     parts: int,
@@ -206,13 +207,13 @@ def _summary(
             stages[stage] = stages.get(stage, 0.0) + spent
     built = sum(one.captured and not one.halves for one in done)
     cut = sum(bool(one.halves) for one in done)
-    over = {entry["id"]: costs_over_budget(parameters, entry) for entry in manifest["cells"]}
+    over = {entry.id: costs_over_budget(parameters, entry) for entry in manifest.cells}
     return BuildSummary(
         built=built,
         complete=complete,
         unchanged=len(done) - built - cut,
-        cells=manifest["totals"]["cells"],
-        bytes=manifest["totals"]["bytes"],
+        cells=len(manifest.cells),
+        bytes=manifest.bytes,
         seconds=seconds,
         peak_memory_bytes=sum(peaks.values()),
         workers=workers,
@@ -220,6 +221,7 @@ def _summary(
         parts=parts,
         cut=cut,
         over_budget={cell: costs for cell, costs in over.items() if costs},
+        withheld={entry.id: entry.promise_withheld for entry in manifest.cells if entry.promise_withheld is not None},
     )
 
 

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations, product
-from typing import Any
 
 from mmi.cells.viewing_cells import ViewingCell
+from mmi.dataset.manifest import CellEntry
 from mmi.planning.parameters import BuildParameters
 
 __all__ = ["SHORTEST", "exceeded", "halves", "whole_of", "with_halves_joined"]
@@ -48,36 +49,36 @@ def whole_of(cell: str) -> str:
     return cell.rstrip("ab")
 
 
-def with_halves_joined(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def with_halves_joined(entries: Sequence[CellEntry]) -> list[CellEntry]:
     """The manifest's ``entries`` of cells with their neighbours as they are after cells were cut.
 
     Entries name the neighbours that whole cells have. Of two neighbours, the parts that meet are neighbours; of one
     cell's parts, those that follow each other.
     """
-    parts: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
+    parts: dict[str, list[CellEntry]] = defaultdict(list)
     for entry in entries:
-        parts[whole_of(entry["id"])].append(entry)
+        parts[whole_of(entry.id)].append(entry)
     if len(parts) == len(entries):
-        return [dict(entry) for entry in entries]
-    joined: dict[str, set[str]] = {entry["id"]: set() for entry in entries}
+        return list(entries)
+    joined: dict[str, set[str]] = {entry.id: set() for entry in entries}
     for whole, own in parts.items():
         for one, other in combinations(own, 2):
             if _gap(one, other) <= _MEETING:
-                joined[one["id"]].add(other["id"])
-                joined[other["id"]].add(one["id"])
-        for neighbour in own[0]["neighbours"]:
+                joined[one.id].add(other.id)
+                joined[other.id].add(one.id)
+        for neighbour in own[0].neighbours:
             if neighbour not in parts:
                 for one in own:  # not built: whoever builds it finds it named
-                    joined[one["id"]].add(neighbour)
+                    joined[one.id].add(neighbour)
                 continue
             pairs = list(product(own, parts[neighbour]))
             closest = min(_gap(one, other) for one, other in pairs)
             for one, other in pairs:
                 if _gap(one, other) <= closest + _MEETING and whole != neighbour:
-                    joined[one["id"]].add(other["id"])
-    return [{**entry, "neighbours": sorted(joined[entry["id"]])} for entry in entries]
+                    joined[one.id].add(other.id)
+    return [replace(entry, neighbours=tuple(sorted(joined[entry.id]))) for entry in entries]
 
 
-def _gap(one: Mapping[str, Any], other: Mapping[str, Any]) -> float:
+def _gap(one: CellEntry, other: CellEntry) -> float:
     """Metres between the closest ends of two cells' axes."""
-    return min(math.dist(a, b) for a, b in product(one["axis"], other["axis"]))
+    return min(math.dist(a, b) for a, b in product(one.axis, other.axis))

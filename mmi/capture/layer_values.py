@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.foundation.camera import View
 
-__all__ = ["DepthTexture", "GridMesh", "Impostor", "Layer", "LayerPicture"]
+__all__ = ["DepthTexture", "GridMesh", "Impostor", "Layer", "LayerPicture", "Promise"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,22 +69,24 @@ class Layer:
     """A picture of one layer in one sector: ``index`` is its colour in the event graph, ``objects`` (n,) what it is made of.
 
     Others that touch those show in rims of a texel (:mod:`mmi.capture.rims`).
-    A layer whose objects leave wide gaps between them has several ``part`` s in a sector (0, 1, ... from left to right).
+    A layer whose objects leave wide gaps between them has several pieces in a sector (``piece`` 0, 1, ... from left to right).
     ``displacement`` is how far its mesh draws a texel from where it was captured, radians, at most, from the cell's corners.
+    The mesh's first ``in_order`` triangles can be drawn as they are; others need captured depths (:mod:`mmi.meshing.ordering`).
     """
 
     index: int
     sector: int
-    part: int
+    piece: int
     objects: NDArray[np.int64]
     texture: DepthTexture
     mesh: GridMesh
-    displacement: float = 0.0
+    displacement: float
+    in_order: int = 0
 
     @property
     def name(self) -> str:
-        """How files call it: ``s0.l2``, and ``s0.l2.1`` for a second part."""
-        return f"s{self.sector}.l{self.index}" + (f".{self.part}" if self.part else "")
+        """How files call it: ``s0.l2``, and ``s0.l2.1`` for a second piece."""
+        return f"s{self.sector}.l{self.index}" + (f".{self.piece}" if self.piece else "")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,17 +94,17 @@ class LayerPicture:
     """What it takes to draw a :class:`Layer`: its mesh and its picture, without depth and ids.
 
     ``view`` is that of the capture; ``pixels`` (h, w, 4) uint8: sRGB, dilated beyond the silhouette, and coverage (0 or 255).
-    The mesh's first ``plain`` triangles can be drawn as they are; others need captured depths (:mod:`mmi.meshing.ordering`).
+    The mesh's first ``in_order`` triangles can be drawn as they are; others need captured depths (:mod:`mmi.meshing.ordering`).
     """
 
     name: str
     index: int
     sector: int
-    part: int
+    piece: int
     view: View
     pixels: NDArray[np.uint8]
     mesh: GridMesh
-    plain: int
+    in_order: int
 
     def __post_init__(self) -> None:
         shape = (self.view.window[3], self.view.window[2], 4)
@@ -114,11 +116,39 @@ class LayerPicture:
         self.pixels.setflags(write=False)
 
 
+@dataclass(frozen=True, slots=True)
+class Promise:
+    """What is promised of a cell's impostor, and what is known of it; pixels of the display.
+
+    ``error_px`` is how thick a wrong region may be from anywhere in the cell (but for two pixels of the rasters), or None,
+    where something is not bounded; ``withheld`` then says what. ``largest_weight_px`` is the largest weight of two objects
+    that share a layer, or self-parallax; ``missed_px`` how thick a region the layers may miss together, where that is
+    bounded; ``displacement_px`` the largest displacement of a layer. Raises ValueError where it neither promises nor says
+    why not.
+    """
+
+    error_px: float | None
+    withheld: str | None
+    largest_weight_px: float
+    missed_px: float | None
+    displacement_px: float
+
+    def __post_init__(self) -> None:
+        if (self.error_px is None) == (self.withheld is None):
+            raise ValueError(f"a promise or a reason expected, found {self.error_px} and {self.withheld!r}")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Impostor:
-    """A cell's multi-mesh impostor: objects that stay geometry (indices into the city's objects), and the layers."""
+    """A cell's multi-mesh impostor: objects that stay geometry (indices into the city's objects), and the layers.
+
+    The layers show the ``far`` objects in ``sectors`` views around the cell; ``near_triangles`` are those of the near ones.
+    """
 
     cell: ViewingCell
     near: NDArray[np.int64]
     far: NDArray[np.int64]
     layers: tuple[Layer, ...]
+    sectors: int
+    near_triangles: int
+    promise: Promise

@@ -1,24 +1,21 @@
 """A cell's impostor as files, and back: depth textures in one multi-part OpenEXR, meshes and textures in one binary glTF.
 
-Part, node and texture of layer 2 in sector 0 are all named ``s0.l2``, and ``s0.l2.1`` where it has a second picture there.
+Part, node and texture of layer 2 in sector 0 are all named ``s0.l2``, and ``s0.l2.1`` where it has a second piece there.
 The glTF holds what is drawn: vertices in the city's frame, and a WebP picture of colour, dilated beyond silhouettes, with
 coverage as alpha (lossless, whatever the quality of the colour). It also says how each texture was captured (``sector``,
 ``focal``, ``window``, ``eye``). The EXR holds the rest of the depth textures: Z (half, eye-space metres, infinite where nothing
 was hit) and id (unsigned: 0, or the place of the object in the cell's lists ``far`` and then ``near``, from 1), in the pixel
 coordinates of the capture: its data window counts from the principal point. Who only draws reads the glTF alone
 (:func:`read_pictures`); depth and ids are for measuring and for telling which of two layers is in front (:func:`read_depths`).
-A node's first ``plain`` triangles (the manifest says how many) can be drawn as they are, without depth
+A node's first ``in_order`` triangles (the manifest says how many) can be drawn as they are, without depth
 (:mod:`mmi.meshing.ordering`).
-
-The city's geometry, which all cells share, is one more glTF: nodes of objects, then tiles of the ground.
 """
 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,103 +24,74 @@ import OpenEXR
 from numpy.typing import NDArray
 from PIL import Image
 
-from mmi.appearance.city_mesh import triangles_of
-from mmi.capture.layer_values import DepthTexture, GridMesh, Impostor, Layer, LayerPicture
-from mmi.cells.viewing_cells import ViewingCell
+from mmi.capture.layer_values import DepthTexture, GridMesh, Impostor, Layer, LayerPicture, Promise
 from mmi.city.model import City
 from mmi.dataset.folder import DatasetFolder
 from mmi.dataset.glb import GlbImage, GlbNode, GlbPrimitive, GlbScene, glb_bytes, read_glb
+from mmi.dataset.manifest import CellEntry, CellFiles, LayerEntry
 from mmi.dataset.reading import Dataset
-from mmi.foundation.camera import View, level_view
+from mmi.foundation.camera import Camera, View
 from mmi.foundation.errors import DatasetError, ParameterError
-from mmi.foundation.stopwatch import Stopwatch
-from mmi.meshing.ordering import CapturedLayer, out_of_order
-from mmi.planning.plan import CellPlan, PreparedCity
 
-__all__ = ["captured_view", "read_depths", "read_impostor", "read_pictures", "stored_cell", "write_cell"]
+__all__ = ["read_depths", "read_impostor", "read_pictures", "write_cell"]
 
 _TILE = 512
 
 
 def write_cell(
     folder: DatasetFolder,
-    scene: PreparedCity,
-    plan: CellPlan,
-    layers: Iterable[Layer],
+    impostor: Impostor,
+    ids: Sequence[str],
     *,
+    camera: Camera,
     neighbours: Sequence[str],
-    watch: Stopwatch,
-) -> dict[str, Any]:
-    """Write a cell's EXR and glTF as its ``layers`` come, and return its entry in the manifest (schemas/manifest.json).
+    quality: int = 75,
+) -> CellEntry:
+    """Write a cell's EXR and glTF; its entry in the manifest.
 
-    Of all layers but the one at hand, only depth is held as it was captured. Raises DatasetError where files cannot be written.
+    ``ids`` are those of the city's objects, ``camera`` is the display that pixels are of, ``quality`` that of WebP (100 is
+    lossless). An EXR of an earlier build is removed where the cell has no layers now. Raises DatasetError where files cannot be
+    written.
     """
-    selection, city, cell = plan.selection, scene.city, plan.selection.cell
-    place = np.zeros(len(city.objects) + 1, dtype=np.uint32)  # object -1 is the last entry, and stays 0
-    listed = np.concatenate([selection.far, selection.near])
+    cell, promise = impostor.cell, impostor.promise
+    place = np.zeros(len(ids) + 1, dtype=np.uint32)  # object -1 is the last entry, and stays 0
+    listed = np.concatenate([impostor.far, impostor.near])
     place[listed] = np.arange(1, len(listed) + 1)
-    sectors: list[list[dict[str, Any]]] = [[] for _ in range(scene.parameters.sectors)]
-    entries: list[dict[str, Any]] = []
-    captured: list[CapturedLayer] = []
-    nodes: list[GlbNode] = []
-    images: list[GlbImage] = []
-    parts: list[OpenEXR.Part] = []
-    texels, displaced = 0, 0.0
-    for layer in layers:
-        with watch.stage("encoding"):
-            nodes.append(_node(layer, image=len(images)))
-            images.append(_image(layer, scene.parameters.texture_quality))
-            parts.append(_part(layer, place))
-            captured.append(CapturedLayer(layer.index, layer.texture.view, layer.mesh, layer.texture.depth))
-            entries.append(_layer_entry(layer, place))
-            sectors[layer.sector].append(entries[-1])
-            texels += layer.texture.depth.size
-            displaced = max(displaced, layer.displacement)
-    with watch.stage("ordering"):
-        _put_in_order(nodes, entries, captured, scene, plan)
-    with watch.stage("writing"):
-        extras = {"cell": cell.id, "eye": cell.reference.tolist()}
-        gltf = glb_bytes(GlbScene(tuple(nodes), tuple(images), extras))
-        files = {"glb": folder.write(f"cells/{cell.id}.glb", gltf)}
-        if parts:
-            files["exr"] = folder.write_with(f"cells/{cell.id}.exr", lambda path: _write_exr(path, parts))
-    return {
-        "id": cell.id,
-        "street": cell.street,
-        "axis": [list(cell.p), list(cell.q)],
-        "half_width": cell.half_width,
-        "eye": list(cell.eye),
-        "rise": cell.rise,
-        "reference": cell.reference.tolist(),
-        "neighbours": list(neighbours),
-        "near": [city.objects[i].id for i in selection.near],
-        "far": [city.objects[i].id for i in selection.far],
-        "layers": sectors,
-        "triangles": sum(layer["triangles"] for sector in sectors for layer in sector),
-        "near_triangles": int(scene.mesh.triangle_counts[selection.near].sum()),
-        "texels": texels,
-        "bytes": sum(file["bytes"] for file in files.values()),
-        "promised_error_px": scene.parameters.max_error_px if scene.parameters.bounded else None,
-        "largest_weight_px": _largest_weight_px(scene, plan),
-        "missed_px": plan.missed,
-        "displacement_px": scene.parameters.camera.pixels_from_angle(min(displaced, 1.5)),
-        "files": files,
-    }
-
-
-def stored_cell(entry: Mapping[str, Any]) -> ViewingCell:
-    """The viewing cell of a manifest's entry."""
-    (px, py), (qx, qy) = entry["axis"]
-    low, high = entry["eye"]
-    return ViewingCell(
-        entry["id"], (px, py), (qx, qy), entry["half_width"], (low, high), entry["street"], entry["rise"]
+    sectors: list[list[LayerEntry]] = [[] for _ in range(impostor.sectors)]
+    for layer in impostor.layers:
+        sectors[layer.sector].append(_layer_entry(layer, place, camera))
+    nodes = tuple(_node(layer, image=i) for i, layer in enumerate(impostor.layers))
+    images = tuple(_image(layer, quality) for layer in impostor.layers)
+    gltf = glb_bytes(GlbScene(nodes, images, {"cell": cell.id, "eye": cell.reference.tolist()}))
+    glb, exr = folder.write(f"cells/{cell.id}.glb", gltf), None
+    if impostor.layers:
+        parts = [_part(layer, place) for layer in impostor.layers]
+        exr = folder.write_with(f"cells/{cell.id}.exr", lambda path: _write_exr(path, parts))
+    else:
+        folder.remove(f"cells/{cell.id}.exr")
+    return CellEntry(
+        id=cell.id,
+        street=cell.street,
+        axis=(cell.p, cell.q),
+        half_width=cell.half_width,
+        eye=cell.eye,
+        rise=cell.rise,
+        reference=tuple(cell.reference.tolist()),
+        neighbours=tuple(neighbours),
+        near=tuple(ids[i] for i in impostor.near),
+        far=tuple(ids[i] for i in impostor.far),
+        layers=tuple(map(tuple, sectors)),
+        triangles=sum(len(layer.mesh.triangles) for layer in impostor.layers),
+        near_triangles=impostor.near_triangles,
+        texels=sum(layer.texture.depth.size for layer in impostor.layers),
+        bytes=glb.bytes + (0 if exr is None else exr.bytes),
+        promised_error_px=promise.error_px,
+        promise_withheld=promise.withheld,
+        largest_weight_px=promise.largest_weight_px,
+        missed_px=promise.missed_px,
+        displacement_px=promise.displacement_px,
+        files=CellFiles(glb, exr),
     )
-
-
-def captured_view(entry: Mapping[str, Any], sector: int, layer: Mapping[str, Any]) -> View:
-    """The view in which a layer of a sector was captured, from the entries of cell and layer in the manifest."""
-    azimuth = 2.0 * np.pi / len(entry["layers"]) * sector
-    return level_view(np.array(entry["reference"]), azimuth, focal=layer["focal"], window=tuple(layer["window"]))
 
 
 def read_pictures(dataset: Dataset, cell: str) -> tuple[LayerPicture, ...]:
@@ -132,14 +100,13 @@ def read_pictures(dataset: Dataset, cell: str) -> tuple[LayerPicture, ...]:
     Raises DatasetError when there is no such cell, or its file is missing, damaged or not what the manifest describes.
     """
     entry = dataset.cell(cell)
-    described = _described(entry)
-    if not described:
+    if not entry.pictures:
         return ()
-    name = str(dataset.path / entry["files"]["glb"]["name"])
-    scene = read_glb(dataset.read(entry["files"]["glb"]), name=name)
+    name = str(dataset.path / entry.files.glb.name)
+    scene = read_glb(dataset.read(entry.files.glb), name=name)
     with _as_described(name):
         nodes = {node.name: node for node in scene.nodes}
-        return tuple(_picture(entry, sector, one, nodes[one["name"]], scene.images) for sector, one in described)
+        return tuple(_picture(entry, sector, one, nodes[one.name], scene.images) for sector, one in entry.pictures)
 
 
 def read_depths(dataset: Dataset, cell: str) -> dict[str, tuple[NDArray[np.float32], NDArray[np.uint32]]]:
@@ -150,20 +117,19 @@ def read_depths(dataset: Dataset, cell: str) -> dict[str, tuple[NDArray[np.float
     Raises DatasetError when there is no such cell, or its file is missing, damaged or not what the manifest describes.
     """
     entry = dataset.cell(cell)
-    described = _described(entry)
-    if not described:
+    if entry.files.exr is None:
         return {}
-    name = str(dataset.path / entry["files"]["exr"]["name"])
-    dataset.read(entry["files"]["exr"])  # for its checksum
-    found, objects = {}, len(entry["far"]) + len(entry["near"])
+    name = str(dataset.path / entry.files.exr.name)
+    data = dataset.read(entry.files.exr)
+    found, objects = {}, len(entry.far) + len(entry.near)
     with _as_described(name):
-        parts = {part.name(): part.channels for part in OpenEXR.File(name).parts}
-        for _, one in described:
-            channels, shape = parts[one["name"]], (one["window"][3], one["window"][2])
+        parts = {part.name(): part.channels for part in OpenEXR.File(io.BytesIO(data)).parts}
+        for _, one in entry.pictures:
+            channels, shape = parts[one.name], (one.window[3], one.window[2])
             depth, places = channels["Z"].pixels.astype(np.float32), np.array(channels["id"].pixels)
             if depth.shape != shape or places.shape != shape or places.max() > objects:
-                raise ValueError(f"{one['name']}: depths and places of {objects} objects, {shape}, expected")
-            found[one["name"]] = depth, places
+                raise ValueError(f"{one.name}: depths and places of {objects} objects, {shape}, expected")
+            found[one.name] = depth, places
     return found
 
 
@@ -171,24 +137,42 @@ def read_impostor(dataset: Dataset, cell: str, city: City) -> Impostor:
     """A cell's impostor, as it was captured. Raises DatasetError when a file is missing, damaged or not what it should be."""
     entry = dataset.cell(cell)
     pictures, depths = read_pictures(dataset, cell), read_depths(dataset, cell)
-    index = city.index()
+    index, camera = city.index(), dataset.manifest.parameters.camera
     with _as_described(str(dataset.path / "manifest.json")):
-        near = np.array([index[one] for one in entry["near"]], dtype=np.int64)
-        far = np.array([index[one] for one in entry["far"]], dtype=np.int64)
+        near = np.array([index[one] for one in entry.near], dtype=np.int64)
+        far = np.array([index[one] for one in entry.far], dtype=np.int64)
         objects = np.concatenate([[-1], far, near]).astype(np.int32)
         layers = []
-        for picture, (_, one) in zip(pictures, _described(entry), strict=True):
+        for picture, (_, one) in zip(pictures, entry.pictures, strict=True):
             depth, places = depths[picture.name]
             color = np.ascontiguousarray(picture.pixels[..., :3])
-            texture = DepthTexture(picture.view, color, depth, objects[places])
-            shown = far[one["objects"]]
-            layers.append(Layer(picture.index, picture.sector, picture.part, shown, texture, picture.mesh))
-    return Impostor(stored_cell(entry), near, far, tuple(layers))
-
-
-def _described(entry: Mapping[str, Any]) -> list[tuple[int, Mapping[str, Any]]]:
-    """(sector, entry) of each picture of a layer that a cell's entry in the manifest lists."""
-    return [(sector, one) for sector, layers in enumerate(entry["layers"]) for one in layers]
+            layers.append(
+                Layer(
+                    index=picture.index,
+                    sector=picture.sector,
+                    piece=picture.piece,
+                    objects=far[list(one.objects)],
+                    texture=DepthTexture(picture.view, color, depth, objects[places]),
+                    mesh=picture.mesh,
+                    displacement=camera.angle_from_pixels(one.displacement_px),
+                    in_order=picture.in_order,
+                )
+            )
+    return Impostor(
+        cell=entry.viewing_cell,
+        near=near,
+        far=far,
+        layers=tuple(layers),
+        sectors=len(entry.layers),
+        near_triangles=entry.near_triangles,
+        promise=Promise(
+            error_px=entry.promised_error_px,
+            withheld=entry.promise_withheld,
+            largest_weight_px=entry.largest_weight_px,
+            missed_px=entry.missed_px,
+            displacement_px=entry.displacement_px,
+        ),
+    )
 
 
 @contextmanager
@@ -202,73 +186,35 @@ def _as_described(name: str) -> Iterator[None]:
         ) from error
 
 
-def _picture(
-    entry: Mapping[str, Any], sector: int, one: Mapping[str, Any], node: GlbNode, images: Sequence[GlbImage]
-) -> LayerPicture:
+def _picture(entry: CellEntry, sector: int, one: LayerEntry, node: GlbNode, images: Sequence[GlbImage]) -> LayerPicture:
     """The inverse of :func:`_node` and :func:`_image`. Raises ValueError where node and manifest do not agree."""
-    view = captured_view(entry, sector, one)
-    extras = _extras(one["index"], sector, one["part"], view)
+    view = entry.view(sector, one)
+    extras = _extras(one.index, sector, one.piece, view)
     if node.extras != extras:
         raise ValueError(f"{node.name}: {extras} expected, found {node.extras}")
     (primitive,) = node.primitives
-    if primitive.image is None or primitive.uv is None or len(primitive.triangles) != one["triangles"]:
-        raise ValueError(f"{node.name}: a texture and {one['triangles']} triangles expected")
-    if not 0 <= one["plain"] <= one["triangles"]:
-        raise ValueError(f"{node.name}: at most {one['triangles']} plain triangles expected, found {one['plain']}")
+    if primitive.image is None or primitive.uv is None or len(primitive.triangles) != one.triangles:
+        raise ValueError(f"{node.name}: a texture and {one.triangles} triangles expected")
     with Image.open(io.BytesIO(images[primitive.image].data), formats=("WEBP",)) as picture:
         pixels = np.array(picture)
     mesh = GridMesh(primitive.positions, primitive.uv, primitive.triangles)
-    return LayerPicture(one["name"], one["index"], sector, one["part"], view, pixels, mesh, one["plain"])
+    return LayerPicture(one.name, one.index, sector, one.piece, view, pixels, mesh, one.in_order)
 
 
-def _put_in_order(
-    nodes: list[GlbNode],
-    entries: list[dict[str, Any]],
-    captured: Sequence[CapturedLayer],
-    scene: PreparedCity,
-    plan: CellPlan,
-) -> None:
-    """Put triangles of ``nodes`` that need captured depths last (:mod:`mmi.meshing.ordering`); ``entries`` say how many do
-    not.
-    """
-    cell, city = plan.selection.cell, scene.city
-    flags = out_of_order(
-        captured,
-        max_angle=scene.parameters.max_angle,
-        eye_height=max(float(cell.reference[2] - city.ground_at(cell.reference)), 0.0),
-        solids=scene.mesh.positions[triangles_of(scene.mesh, plan.selection.near)] - cell.reference,
-        terrain=city.terrain,
-    )
-    for k, (node, late) in enumerate(zip(nodes, flags, strict=True)):
-        (primitive,) = node.primitives
-        in_order = primitive.triangles[np.argsort(late, kind="stable")]
-        nodes[k] = replace(node, primitives=(replace(primitive, triangles=in_order),))
-        entries[k]["plain"] = int(np.count_nonzero(~late))
-
-
-def _layer_entry(layer: Layer, place: NDArray[np.uint32]) -> dict[str, Any]:
+def _layer_entry(layer: Layer, place: NDArray[np.uint32], camera: Camera) -> LayerEntry:
     depths = layer.texture.view.project(layer.mesh.vertices.astype(np.float64))[:, 2]
-    return {
-        "name": layer.name,
-        "index": layer.index,
-        "part": layer.part,
-        "objects": [int(place[i]) - 1 for i in layer.objects],
-        "focal": layer.texture.view.focal,
-        "window": list(layer.texture.view.window),
-        "triangles": len(layer.mesh.triangles),
-        "depth": [float(depths.min()), float(depths.max())],
-    }
-
-
-def _largest_weight_px(scene: PreparedCity, plan: CellPlan) -> float:
-    """The largest weight of a pair that shares a layer, or self-parallax, in pixels at the centre of the display."""
-    layer_of = {int(i): index for index, objects in enumerate(plan.layers) for i in objects}
-    together = np.array([layer_of[int(a)] == layer_of[int(b)] for a, b in plan.pairs], dtype=bool)
-    largest = float(np.max(plan.weights[together], initial=0.0))
-    selection = plan.selection
-    if selection.parallax is not None:
-        largest = float(np.max(selection.parallax[np.isin(selection.objects, selection.far)], initial=largest))
-    return scene.parameters.camera.pixels_from_angle(min(largest, 1.5))
+    return LayerEntry(
+        name=layer.name,
+        index=layer.index,
+        piece=layer.piece,
+        objects=tuple(int(place[i]) - 1 for i in layer.objects),
+        focal=layer.texture.view.focal,
+        window=layer.texture.view.window,
+        triangles=len(layer.mesh.triangles),
+        in_order=layer.in_order,
+        depth=(float(depths.min()), float(depths.max())),
+        displacement_px=camera.pixels_from_angle(layer.displacement),
+    )
 
 
 def _part(layer: Layer, place: NDArray[np.uint32]) -> OpenEXR.Part:
@@ -312,9 +258,9 @@ def _node(layer: Layer, *, image: int) -> GlbNode:
     """A layer's mesh, and how its texture was captured."""
     mesh = layer.mesh
     primitive = GlbPrimitive(mesh.vertices, mesh.triangles, uv=mesh.uv, image=image, masked=True)
-    return GlbNode(layer.name, (primitive,), _extras(layer.index, layer.sector, layer.part, layer.texture.view))
+    return GlbNode(layer.name, (primitive,), _extras(layer.index, layer.sector, layer.piece, layer.texture.view))
 
 
-def _extras(index: int, sector: int, part: int, view: View) -> dict[str, Any]:
+def _extras(index: int, sector: int, piece: int, view: View) -> dict[str, Any]:
     """What the glTF says of a layer's picture, besides what is drawn."""
-    return {"sector": sector, "layer": index, "part": part, "focal": view.focal, "window": list(view.window)}
+    return {"sector": sector, "layer": index, "piece": piece, "focal": view.focal, "window": list(view.window)}

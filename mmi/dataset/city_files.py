@@ -44,10 +44,10 @@ def read_city_mesh(dataset: Dataset) -> tuple[CityMesh, CityMesh]:
 
     Raises DatasetError when its file is missing or damaged.
     """
-    entry = dataset.manifest["city"]["files"]["glb"]
-    name = str(dataset.path / entry["name"])
+    entry = dataset.manifest.city.files.glb
+    name = str(dataset.path / entry.name)
     scene = read_glb(dataset.read(entry), name=name)
-    objects = dataset.manifest["city"]["objects"]  # counted, as an object may be called ground/0 too
+    objects = dataset.manifest.city.objects  # counted, as an object may be called ground/0 too
     try:
         return _city_mesh(scene.nodes[:objects], scene.images[0]), _city_mesh(scene.nodes[objects:], scene.images[1])
     except (ValueError, IndexError, OSError) as error:

@@ -3,12 +3,12 @@
     OUT/manifest.json      what is in it; the same bytes for the same city and parameters (schemas/manifest.json)
     OUT/build.json         what the machine did; the only file that differs between builds (schemas/build.json)
     OUT/city.json          objects and streets;  OUT/city.glb  their geometry, shared by all cells
-    OUT/cells/ID.json      a cell's record: its entry in the manifest, and fingerprints of what it was made from
+    OUT/cells/ID.json      a cell's record: its entry in the manifest, and what it was made from (schemas/record.json)
     OUT/cells/ID.exr       its depth textures;   OUT/cells/ID.glb  its layers' meshes and textures
 
 Files are written under a temporary name and renamed. A cell's record comes last: where it is there, and its checksums hold,
-the cell is complete. The manifest carries its own checksum, so readers may take for granted what it says. Nothing is ever
-unpickled.
+the cell is complete. Manifest and records carry checksums of their own and are held against their schemas when they are read
+(:mod:`mmi.dataset.manifest`). Nothing is ever unpickled.
 """
 
 from __future__ import annotations
@@ -18,20 +18,24 @@ import fcntl
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from mmi.dataset.manifest import (
+    FORMAT_VERSION,
+    PROGRAM,
+    CellRecord,
+    FileEntry,
+    record_from_json,
+    record_to_json,
+)
 from mmi.foundation.errors import DatasetError
-from mmi.foundation.json_forms import canonical_json, readable_json
+from mmi.foundation.json_forms import readable_json
 
-__all__ = ["FORMAT_VERSION", "PROGRAM", "DatasetFolder", "build_folder", "is_ours", "make_folder"]
+__all__ = ["DatasetFolder", "build_folder", "is_ours", "make_folder"]
 
-FORMAT_VERSION = 7
-PROGRAM = "build-impostors"
-"""What ``build.json`` says wrote the dataset."""
 _TEMPORARY = ".part"
 
 
@@ -41,15 +45,15 @@ class DatasetFolder:
 
     path: Path
 
-    def write(self, name: str, data: bytes) -> dict[str, Any]:
-        """Write a file whole or not at all; its checksum entry ``{name, bytes, sha256}``. Unchanged files stay untouched."""
+    def write(self, name: str, data: bytes) -> FileEntry:
+        """Write a file whole or not at all; its entry. Unchanged files stay untouched."""
         target = self.path / name
-        entry = {"name": name, "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
-        if _checksum(target) == (entry["bytes"], entry["sha256"]):
+        entry = FileEntry(name, len(data), hashlib.sha256(data).hexdigest())
+        if _checksum(target) == (entry.bytes, entry.sha256):
             return entry
         return self.write_with(name, lambda temporary: _write_bytes(temporary, data))
 
-    def write_with(self, name: str, write: Callable[[Path], None]) -> dict[str, Any]:
+    def write_with(self, name: str, write: Callable[[Path], None]) -> FileEntry:
         """The same for a library that writes to a path itself."""
         target = self.path / name
         temporary = target.with_name(f"{target.name}{_TEMPORARY}-{os.getpid()}")
@@ -63,7 +67,7 @@ class DatasetFolder:
             raise _cannot_write(target, error) from error
         if found is None:
             raise DatasetError(f"{target}: written, but it cannot be read back")
-        return {"name": name, "bytes": found[0], "sha256": found[1]}
+        return FileEntry(name, *found)
 
     def read(self, name: str) -> bytes:
         """A file's bytes. Raises DatasetError if it cannot be read."""
@@ -72,25 +76,24 @@ class DatasetFolder:
         except OSError as error:
             raise DatasetError(f"{self.path / name}: cannot be read ({error.strerror})") from error
 
-    def record(self, cell: str, *, check: bool = True) -> dict[str, Any] | None:
+    def record(self, cell: str, *, check: bool = True) -> CellRecord | None:
         """A complete cell's record; None where there is none, or where it or a file that it names is damaged.
 
         Without ``check`` the files are not read: for a cell that this build has just written or checked.
         """
         try:
-            record = json.loads((self.path / "cells" / f"{cell}.json").read_bytes())
-            files = record["entry"]["files"].values()
-            whole = not check or all(
-                _checksum(self.path / "cells" / Path(file["name"]).name) == (file["bytes"], file["sha256"])
-                for file in files
-            )
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            record = record_from_json((self.path / "cells" / f"{cell}.json").read_bytes())
+        except (OSError, DatasetError):
             return None
-        return record if whole else None
+        if check and record.entry is not None:
+            files = [one for one in (record.entry.files.glb, record.entry.files.exr) if one is not None]
+            if any(_checksum(self.path / "cells" / Path(one.name).name) != (one.bytes, one.sha256) for one in files):
+                return None
+        return record
 
-    def write_record(self, cell: str, record: Mapping[str, Any]) -> None:
+    def write_record(self, cell: str, record: CellRecord) -> None:
         """Declare a cell complete."""
-        self.write(f"cells/{cell}.json", canonical_json(record))
+        self.write(f"cells/{cell}.json", record_to_json(record))
 
     def recorded_cells(self) -> list[str]:
         """Ids of the cells that have a record, sorted."""
@@ -99,7 +102,14 @@ class DatasetFolder:
     def remove_cell(self, cell: str) -> None:
         """Delete a cell's files, its record first."""
         for suffix in (".json", ".exr", ".glb"):
-            (self.path / "cells" / f"{cell}{suffix}").unlink(missing_ok=True)
+            self.remove(f"cells/{cell}{suffix}")
+
+    def remove(self, name: str) -> None:
+        """Delete a file, where there is one."""
+        try:
+            (self.path / name).unlink(missing_ok=True)
+        except OSError as error:
+            raise _cannot_write(self.path / name, error) from error
 
 
 def make_folder(path: Path) -> None:
@@ -133,25 +143,46 @@ def build_folder(path: Path) -> Iterator[DatasetFolder]:
     """
     path = Path(path)
     make_folder(path)
-    try:
-        (path / "cells").mkdir(exist_ok=True)
-        lock = (path / ".lock").open("w")
-    except OSError as error:
-        raise _cannot_write(path, error) from error
-    with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise DatasetError(f"{path}: another {PROGRAM} is writing here; wait for it or stop it first") from error
+    with _locked(path):
         folder = DatasetFolder(path)
         if not (path / "build.json").exists():
             folder.write("build.json", readable_json({"program": PROGRAM, "format_version": FORMAT_VERSION}))
         for leftover in [*path.glob(f"*{_TEMPORARY}-*"), *(path / "cells").glob(f"*{_TEMPORARY}-*")]:
             leftover.unlink(missing_ok=True)
+        yield folder
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Hold the folder's lock for the block, then remove it.
+
+    Another build may have opened the lock's file just before it is removed here, and would then lock a file that nobody finds
+    any more; so a lock counts only while it is the file that has its name.
+    """
+    name = path / ".lock"
+    while True:
         try:
-            yield folder
-        finally:
-            (path / ".lock").unlink(missing_ok=True)
+            (path / "cells").mkdir(exist_ok=True)
+            lock = name.open("w")
+        except OSError as error:
+            raise _cannot_write(path, error) from error
+        with lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise DatasetError(
+                    f"{path}: another {PROGRAM} is writing here; wait for it or stop it first"
+                ) from error
+            try:
+                if not os.path.samestat(os.fstat(lock.fileno()), name.stat()):
+                    continue
+            except FileNotFoundError:
+                continue
+            try:
+                yield
+            finally:
+                name.unlink(missing_ok=True)
+            return
 
 
 def _is_blank(entry: Path) -> bool:

@@ -56,8 +56,11 @@ class Camera:
         return math.atan(pixels / self.focal)
 
     def pixels_from_angle(self, angle: float) -> float:
-        """Pixels that ``angle`` (radians, below a right angle) covers from the centre of the picture."""
-        return self.focal * math.tan(angle)
+        """Pixels that ``angle`` (radians) covers from the centre of the picture.
+
+        Pixels grow without bound towards a right angle, so that more than 1.5 radians count as 1.5.
+        """
+        return self.focal * math.tan(min(angle, 1.5))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

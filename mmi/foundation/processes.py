@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import resource
 import signal
 import sys
@@ -11,7 +12,7 @@ from importlib.metadata import version
 from multiprocessing import resource_tracker
 from pathlib import Path
 
-__all__ = ["package_version", "peak_memory", "without_interrupts"]
+__all__ = ["package_version", "peak_memory", "usable_cores", "without_interrupts"]
 
 
 def package_version() -> str:
@@ -40,3 +41,10 @@ def peak_memory(*, shared: bool = True) -> int:
         return peak
     files = next((line for line in status.read_text().splitlines() if line.startswith("RssFile:")), "RssFile: 0 kB")
     return peak - 1024 * int(files.split()[1])
+
+
+def usable_cores() -> int:
+    """Cores that this process may run on, which not every system tells apart from those that there are."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

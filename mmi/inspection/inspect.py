@@ -6,20 +6,19 @@ city and parameters and held against the manifest, so that no picture shows a pl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from matplotlib.figure import Figure
 
-from mmi.dataset.cell_files import read_impostor, stored_cell
+from mmi.dataset.cell_files import read_impostor
+from mmi.dataset.manifest import CellEntry
 from mmi.dataset.reading import Dataset
 from mmi.foundation.errors import DatasetError, ParameterError
 from mmi.inspection.figures import counted, save
 from mmi.inspection.layer_sheets import dataset_histograms, layer_sheet
 from mmi.inspection.maps import birds_eye, event_graph_plot
-from mmi.planning.parameters import BuildParameters
 from mmi.planning.plan import CellPlan, PreparedCity, plan_cell, prepare_city
 from mmi.visibility.item_buffer import Identify
 
@@ -46,9 +45,8 @@ def inspect_dataset(
     """
     chosen = dict.fromkeys([typical_cell(dataset)] if cells is None else cells)
     entries = [dataset.cell(cell) for cell in chosen]
-    with _as_described(dataset):
-        total = sum(2 + sum(map(bool, entry["layers"])) for entry in entries) + 1
-        histograms = _histograms(dataset)
+    total = sum(2 + sum(bool(sector) for sector in entry.layers) for entry in entries) + 1
+    histograms = _histograms(dataset)
     output = Path(output)
     try:
         output.mkdir(parents=True, exist_ok=True)
@@ -75,28 +73,24 @@ def typical_cell(dataset: Dataset) -> str:
 
     Raises DatasetError when the dataset has no cells.
     """
-    with _as_described(dataset):
-        sizes = sorted(
-            (len({layer["index"] for sector in one["layers"] for layer in sector}), len(one["far"]), str(one["id"]))
-            for one in dataset.manifest["cells"]
-        )
+    sizes = sorted((one.layer_count, len(one.far), one.id) for one in dataset.manifest.cells)
     if not sizes:
         raise DatasetError(f"{dataset.path}: a dataset with cells expected, found none; build some")
     sizes = [one for one in sizes if one[0] > 0] or sizes
     return sizes[len(sizes) // 2][2]
 
 
-def _cell_pictures(dataset: Dataset, entries: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, Figure]]:
+def _cell_pictures(dataset: Dataset, entries: Sequence[CellEntry]) -> Iterator[tuple[str, Figure]]:
     """(name, figure) of every picture of the cells with these entries of the manifest, one after the other."""
     city = dataset.city()
     try:
-        prepared = prepare_city(city, BuildParameters.from_dict(dataset.manifest["parameters"]))
+        prepared = prepare_city(city, dataset.manifest.parameters)
     except ParameterError as error:
         raise _rebuild(dataset, str(error)) from error
     parameters = prepared.parameters
     with _identify(prepared) as identify:
         for entry in entries:
-            cell = _file_name(dataset, entry)
+            cell = entry.id
             plan = _planned(dataset, prepared, entry, identify)
             yield f"{cell}-map", birds_eye(city, plan)
             yield (
@@ -104,7 +98,7 @@ def _cell_pictures(dataset: Dataset, entries: Sequence[Mapping[str, Any]]) -> It
                 event_graph_plot(city, plan, camera=parameters.camera, max_error_px=parameters.max_error_px),
             )
             impostor = read_impostor(dataset, cell, city)
-            street = f", {entry['street']}" if entry["street"] else ""
+            street = f", {entry.street}" if entry.street else ""
             for sector in sorted({layer.sector for layer in impostor.layers}):
                 layers = [layer for layer in impostor.layers if layer.sector == sector]
                 looking = _COMPASS[round(8.0 * sector / parameters.sectors) % 8]
@@ -113,14 +107,10 @@ def _cell_pictures(dataset: Dataset, entries: Sequence[Mapping[str, Any]]) -> It
                 yield f"{cell}-sector-{sector}", layer_sheet(layers, title=title)
 
 
-def _planned(dataset: Dataset, prepared: PreparedCity, entry: Mapping[str, Any], identify: Identify | None) -> CellPlan:
+def _planned(dataset: Dataset, prepared: PreparedCity, entry: CellEntry, identify: Identify | None) -> CellPlan:
     """The plan that a cell was built from. Raises DatasetError where it is not the manifest's."""
-    with _as_described(dataset):
-        cell = stored_cell(entry)
-        near, far = list(entry["near"]), list(entry["far"])
-        stored = [
-            (far[place], one["index"]) for sector in entry["layers"] for one in sector for place in one["objects"]
-        ]
+    cell, near, far = entry.viewing_cell, list(entry.near), list(entry.far)
+    stored = [(far[place], one.index) for _, one in entry.pictures for place in one.objects]
     plan = plan_cell(prepared, cell, identify=identify)
     names = [one.id for one in prepared.city.objects]
     layer_of = {names[i]: index for index, members in enumerate(plan.layers) for i in members}
@@ -135,18 +125,19 @@ def _planned(dataset: Dataset, prepared: PreparedCity, entry: Mapping[str, Any],
 
 
 def _histograms(dataset: Dataset) -> Figure:
-    cells = dataset.manifest["cells"]
-    parameters, city = dataset.manifest["parameters"], dataset.manifest["city"]
-    display = parameters["camera"]
-    bound = "no bound on the" if parameters["layering"] == "single" else f"at most {parameters['max_error_px']:g} px of"
+    cells, parameters = dataset.manifest.cells, dataset.manifest.parameters
+    display, promising = parameters.camera, sum(one.promised_error_px is not None for one in cells)
+    bound = "no bound on the error" if not promising else f"at most {parameters.max_error_px:g} px of error"
+    if 0 < promising < len(cells):
+        bound += f" in {promising} of them"
     return dataset_histograms(
-        layers_per_view=[len({layer["index"] for layer in sector}) for one in cells for sector in one["layers"]],
-        cell_bytes=[one["bytes"] for one in cells],
-        near_objects=[len(one["near"]) for one in cells],
-        visible_objects=[len(one["near"]) + len(one["far"]) for one in cells],
-        triangles=[one["triangles"] for one in cells],
-        title=f"{Path(city['source']).name}: {counted(len(cells), 'cell')}, "
-        f"{bound} error at {display['width']} x {display['height']}",
+        layers_per_view=[len({layer.index for layer in sector}) for one in cells for sector in one.layers],
+        cell_bytes=[one.bytes for one in cells],
+        near_objects=[len(one.near) for one in cells],
+        visible_objects=[len(one.near) + len(one.far) for one in cells],
+        triangles=[one.triangles for one in cells],
+        title=f"{Path(dataset.manifest.city.source).name}: {counted(len(cells), 'cell')}, "
+        f"{bound} at {display.width} x {display.height}",
     )
 
 
@@ -160,23 +151,6 @@ def _identify(prepared: PreparedCity) -> Iterator[Identify | None]:
 
     with Capturer(prepared.mesh) as capturer:
         yield capturer.identify
-
-
-@contextmanager
-def _as_described(dataset: Dataset) -> Iterator[None]:
-    """Turns what goes wrong while a manifest's entries are read into a DatasetError."""
-    try:
-        yield
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError, ParameterError) as error:
-        raise _rebuild(dataset, f"entries as build-impostors writes them expected, found others ({error!r})") from error
-
-
-def _file_name(dataset: Dataset, entry: Mapping[str, Any]) -> str:
-    """The cell's id. Raises DatasetError for one that would lead out of the folder."""
-    cell = str(entry["id"])
-    if Path(cell).name != cell:
-        raise _rebuild(dataset, f"a cell id without folders expected, found {cell!r}")
-    return cell
 
 
 def _rebuild(dataset: Dataset, what: str) -> DatasetError:

@@ -139,9 +139,9 @@ def _layer_row(row: Sequence[Axes], one: Layer, norm: LogNorm, scale: float) -> 
     row[2].add_collection(wires, autolim=False)
     depth = texture.depth[covered]
     between = f"{depth.min():.0f} to {depth.max():.0f} m" if depth.size else "nothing covered"
-    part = f", part {one.part + 1}" if one.part else ""
+    piece = f", piece {one.piece + 1}" if one.piece else ""
     texts = (
-        f"layer {one.index}{part}: {counted(len(one.objects), 'object')}, {width} x {height} texels",
+        f"layer {one.index}{piece}: {counted(len(one.objects), 'object')}, {width} x {height} texels",
         f"{between}, {covered.mean():.0%} covered",
         counted(len(one.mesh.triangles), "triangle"),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from mmi.foundation.camera import Camera
 from mmi.foundation.errors import ParameterError
+from mmi.foundation.processes import usable_cores
 from mmi.planning.parameters import LAYERINGS, VISIBILITIES, WEIGHTS, BuildParameters
 from mmi.programs.command_line import (
     Parser,
@@ -201,7 +202,7 @@ def _build_parser() -> Parser:
 
 def _build(options: argparse.Namespace) -> None:
     parameters = _parameters(options)
-    cores = len(os.sched_getaffinity(0))
+    cores = usable_cores()
     workers = options.workers if options.workers is not None else cores
     if not 1 <= workers <= max(_MOST_WORKERS, cores):
         raise ParameterError(f"--workers: 1 to {max(_MOST_WORKERS, cores)} processes expected, found {workers}")
@@ -210,7 +211,7 @@ def _build(options: argparse.Namespace) -> None:
 
     from rich.console import Console
 
-    from mmi.building.dataset import build_dataset, cells_to_build
+    from mmi.building.dataset import build_dataset, choose_cells
     from mmi.dataset.folder import make_folder
     from mmi.reading.read_city import read_city
 
@@ -232,18 +233,17 @@ def _build(options: argparse.Namespace) -> None:
         up=options.up,
     )
     # Whoever mistypes an option gets one line, not a table before it.
-    graph, _ = cells_to_build(city, parameters, cells=options.cells, max_cells=options.max_cells)
+    chosen = choose_cells(city, parameters, cells=options.cells, max_cells=options.max_cells)
     make_folder(options.output)
     with suppress(SystemExit):  # rich leaves when nobody reads its output any more (| head): the build goes on
         _print_report(talk, report)
-        _print_cells(talk, graph.graph["report"])
+        _print_cells(talk, chosen.graph.graph["report"])
     with ProgressBar("cells", quiet=options.quiet) as advance:
         summary = build_dataset(
             city,
             options.output,
             parameters,
-            cells=options.cells,
-            max_cells=options.max_cells,
+            cells=chosen,
             workers=workers,
             progress=advance,
         )
@@ -344,10 +344,18 @@ def _print_summary(talk: Console, summary: BuildSummary, out: Path, parameters: 
         talk.print(f"cell {cell} exceeds its budget: {text}", soft_wrap=True)
     if summary.over_budget:
         talk.print(
-            f"{len(summary.over_budget)} cells are too short to be cut further: what can give is --max-error, the budget, or "
+            f"{len(summary.over_budget)} cells are too short to be cut further: raise --max-error or the budget, or lower "
             "--display; --objects, --near-distance and --texture-quality decide what a cell costs, too",
             soft_wrap=True,
         )
+    if summary.withheld:
+        talk.print(
+            f"{len(summary.withheld)} of {summary.cells} cells promise no bound of their errors:", soft_wrap=True
+        )
+        for why, number in Counter(summary.withheld.values()).most_common(_MOST_CELLS):
+            name = next(cell for cell, reason in summary.withheld.items() if reason == why)
+            where = f"cell {name}" if number == 1 else f"{number} cells, such as {name}"
+            talk.print(f"  {where}: {why}", soft_wrap=True)
 
 
 def _plain(summary: BuildSummary) -> dict[str, Any]:

@@ -75,7 +75,7 @@ def load_cell(scene: Scene, cell: str, *, measured: bool = False, rest: Callable
     rest()
     depths = read_depths(scene.dataset, cell)
     rest()
-    listed = [scene.objects[one] for name in ("far", "near") for one in entry[name]]
+    listed = [scene.objects[one] for one in (*entry.far, *entry.near)]
     objects = np.array([-1, *listed], dtype=np.int32) if measured else None
     sizes = [(one.view.window[2] + 2 * BORDER, one.view.window[3] + 2 * BORDER) for one in pictures]
     corners, size = shelves(sizes)
@@ -91,11 +91,11 @@ def load_cell(scene: Scene, cell: str, *, measured: bool = False, rest: Callable
                 object_ids=None if objects is None else bordered(objects[places]),
                 vertices=_vertices(picture, corner, size),
                 triangles=picture.mesh.triangles,
-                plain=picture.plain,
+                plain=picture.in_order,
             )
         )
         rest()
-    return LoadedCell(CellKey(scene.name, cell), np.array(entry["reference"]), size, tuple(layers))
+    return LoadedCell(CellKey(scene.name, cell), np.array(entry.reference), size, tuple(layers))
 
 
 def _never() -> None:

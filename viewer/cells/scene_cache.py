@@ -39,9 +39,7 @@ def cell_cache(
 def _foretold(dataset: Dataset, cell: str, measured: bool) -> int:
     """Bytes that a cell takes in memory, rather more than less, from its manifest entry."""
     entry = dataset.cell(cell)
-    sizes = [
-        (one["window"][2] + 2 * BORDER, one["window"][3] + 2 * BORDER) for sector in entry["layers"] for one in sector
-    ]
+    sizes = [(one.window[2] + 2 * BORDER, one.window[3] + 2 * BORDER) for _, one in entry.pictures]
     width, height = shelves(sizes)[1]
     texel = _TEXEL_BYTES + (_ID_BYTES if measured else 0)
-    return texel * width * height + _TRIANGLE_BYTES * int(entry["triangles"])
+    return texel * width * height + _TRIANGLE_BYTES * entry.triangles

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from mmi.foundation.errors import ParameterError
+from mmi.foundation.processes import usable_cores
 from mmi.programs.command_line import Parser, ProgressBar, names_option, path_option, run_program
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def _compare(options: argparse.Namespace) -> None:
             keep=options.worst,
             flip=not options.no_flip,
             video=options.video,
-            workers=len(os.sched_getaffinity(0)),
+            workers=usable_cores(),
         )
     except ParameterError as error:
         name, colon, rest = str(error).partition(":")
@@ -132,7 +132,7 @@ def _compare(options: argparse.Namespace) -> None:
     path = read_walk(options.path) if options.path is not None else None
 
     def made(scene: Scene) -> Walk:
-        neighbours = {entry["id"]: entry["neighbours"] for entry in scene.dataset.manifest["cells"]}
+        neighbours = {entry.id: entry.neighbours for entry in scene.dataset.manifest.cells}
         walk = tour(scene.whereabouts.cells, neighbours, metres=options.tour, speed=options.speed, seed=options.seed)
         if options.save_path is not None:
             write_walk(walk, options.save_path)

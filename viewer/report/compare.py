@@ -262,7 +262,7 @@ def _open(dataset: Path, out: Path) -> Scene:
     here, inside = found.path.resolve(), out.resolve()
     if here in (inside, *inside.parents, (inside / "single-mesh").resolve()):
         raise ParameterError(f"{out}: a folder outside the dataset {dataset} expected")
-    if found.manifest["parameters"]["layering"] == "single":
+    if found.manifest.parameters.layering == "single":
         raise ParameterError(f"{dataset}: a dataset of several layers expected, found one built with --layering single")
     out.mkdir(parents=True, exist_ok=True)
     return open_scene(found, name="multi-mesh")

@@ -47,9 +47,9 @@ def report_of(
         "program": "compare-impostors",
         "dataset": {
             "name": scene.dataset.path.resolve().name,
-            "source": manifest["city"]["source"],
+            "source": manifest.city.source,
             "max_error_px": scene.parameters.max_error_px,
-            "cells": len(manifest["cells"]),
+            "cells": len(manifest.cells),
         },
         "device": device,
         "display": {"width": camera.width, "height": camera.height, "fov_deg": math.degrees(camera.fov)},

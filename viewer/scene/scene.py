@@ -5,7 +5,7 @@ All of it comes from the manifest and the files that cells share; the cells' own
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,6 @@ from mmi.appearance.city_mesh import CityMesh
 from mmi.appearance.ground_mesh import tile_bounds
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.city.terrain import Terrain
-from mmi.dataset.cell_files import captured_view, stored_cell
 from mmi.dataset.city_files import read_city_mesh
 from mmi.dataset.reading import Dataset
 from mmi.foundation.camera import Camera, View
@@ -73,15 +72,14 @@ class Scene:
     def cell(self, name: str) -> CellScene:
         """What the manifest says of a cell. Raises DatasetError where it is none of the dataset's."""
         entry = self.dataset.cell(name)
-        near = self._indices(entry["near"])
-        described = [(sector, one) for sector, layers in enumerate(entry["layers"]) for one in layers]
-        described.sort(key=lambda pair: (pair[1]["depth"][0], pair[1]["name"]))
-        hulls = [window_corners(captured_view(entry, sector, one), *one["depth"]) for sector, one in described]
+        near = self._indices(entry.near)
+        described = sorted(entry.pictures, key=lambda pair: (pair[1].depth[0], pair[1].name))
+        hulls = [window_corners(entry.view(sector, one), *one.depth) for sector, one in described]
         return CellScene(
-            cell=stored_cell(entry),
+            cell=entry.viewing_cell,
             near=near,
-            visible=np.union1d(near, self._indices(entry["far"])),
-            layers=tuple(one["name"] for _, one in described),
+            visible=np.union1d(near, self._indices(entry.far)),
+            layers=tuple(one.name for _, one in described),
             hulls=np.array(hulls, dtype=np.float64).reshape(-1, 8, 3),
         )
 
@@ -102,7 +100,7 @@ class Scene:
         """Metres from the ground up to ``eye`` (3,)."""
         return float(eye[2]) - (self.ground_height if self.terrain is None else float(self.terrain.at(eye)))
 
-    def _indices(self, ids: list[str]) -> NDArray[np.int64]:
+    def _indices(self, ids: Sequence[str]) -> NDArray[np.int64]:
         try:
             return np.array([self.objects[one] for one in ids], dtype=np.int64)
         except KeyError as error:
@@ -118,12 +116,12 @@ def open_scene(dataset: Dataset, *, name: str, like: Scene | None = None) -> Sce
     Raises DatasetError where the dataset has no cells, a file is missing or damaged, or ``like`` shows another city.
     """
     manifest = dataset.manifest
-    if not manifest["cells"]:
+    if not manifest.cells:
         raise DatasetError(f"{dataset.path}: a dataset with cells expected, found none; build some")
-    if like is not None and like.dataset.manifest["city"]["files"] != manifest["city"]["files"]:
+    if like is not None and like.dataset.manifest.city.files != manifest.city.files:
         raise DatasetError(f"{dataset.path}: the city of {like.dataset.path} expected, found another")
     mesh, ground = (like.mesh, like.ground) if like is not None else read_city_mesh(dataset)
-    cells = tuple(stored_cell(entry) for entry in manifest["cells"])
+    cells = tuple(entry.viewing_cell for entry in manifest.cells)
     if like is None:
         city = dataset.city()
         terrain, objects = city.terrain, city.index()
@@ -132,12 +130,12 @@ def open_scene(dataset: Dataset, *, name: str, like: Scene | None = None) -> Sce
     return Scene(
         name=name,
         dataset=dataset,
-        parameters=BuildParameters.from_dict(manifest["parameters"]),
+        parameters=manifest.parameters,
         mesh=mesh,
         ground=ground,
         terrain=terrain,
-        ground_height=float(manifest["city"]["ground"]),
+        ground_height=manifest.city.ground,
         tiles=tile_bounds(ground) if like is None else like.tiles,
-        whereabouts=Whereabouts(cells, {entry["id"]: entry["neighbours"] for entry in manifest["cells"]}),
+        whereabouts=Whereabouts(cells, {entry.id: entry.neighbours for entry in manifest.cells}),
         objects=objects,
     )

@@ -15,10 +15,10 @@ import shapely
 from cities import block, crossroads
 from hills import hilly_city
 
-from mmi.building.dataset import build_dataset, cells_to_build
+from mmi.building.dataset import build_dataset, choose_cells
 from mmi.city.model import City
-from mmi.dataset.cell_files import read_impostor, stored_cell
-from mmi.dataset.folder import FORMAT_VERSION
+from mmi.dataset.cell_files import read_impostor
+from mmi.dataset.manifest import FORMAT_VERSION, FileEntry
 from mmi.dataset.reading import open_dataset
 from mmi.foundation.camera import Camera
 from mmi.foundation.errors import DatasetError, ParameterError
@@ -48,11 +48,11 @@ def test_a_dataset_reads_back_as_it_was_captured(built):
     dataset = open_dataset(built)
     city = dataset.city()
     assert [one.id for one in city.objects] == [one.id for one in crossroads().objects]
-    for entry in dataset.manifest["cells"][:3]:
-        impostor = read_impostor(dataset, entry["id"], city)
+    for entry in dataset.manifest.cells[:3]:
+        impostor = read_impostor(dataset, entry.id, city)
         assert impostor.layers
         assert sorted([*impostor.near, *impostor.far]) == sorted({*impostor.near, *impostor.far})
-        assert sum(len(layer.mesh.triangles) for layer in impostor.layers) == entry["triangles"]
+        assert sum(len(layer.mesh.triangles) for layer in impostor.layers) == entry.triangles
         for layer in impostor.layers:
             shown = np.unique(layer.texture.object_ids[layer.texture.coverage])
             assert set(shown) == set(layer.objects)
@@ -64,16 +64,16 @@ def test_a_dataset_reads_back_as_it_was_captured(built):
 
 def test_every_cell_lists_what_is_visible_and_who_is_next_to_it(built):
     manifest = open_dataset(built).manifest
-    graph, names = cells_to_build(crossroads(), PARAMETERS)
-    assert [entry["id"] for entry in manifest["cells"]] == names
-    for entry in manifest["cells"]:
-        assert entry["neighbours"] == sorted(graph.neighbors(entry["id"]))
-        assert stored_cell(entry) == graph.nodes[entry["id"]]["cell"]
-        assert not set(entry["near"]) & set(entry["far"])
-        assert entry["promised_error_px"] == PARAMETERS.max_error_px
-        assert entry["largest_weight_px"] <= PARAMETERS.max_error_px
-    assert manifest["totals"]["cells"] == len(names)
-    assert manifest["totals"]["bytes"] == sum(
+    chosen = choose_cells(crossroads(), PARAMETERS)
+    graph, names = chosen.graph, list(chosen.names)
+    assert [entry.id for entry in manifest.cells] == names
+    for entry in manifest.cells:
+        assert list(entry.neighbours) == sorted(graph.neighbors(entry.id))
+        assert entry.viewing_cell == graph.nodes[entry.id]["cell"]
+        assert not set(entry.near) & set(entry.far)
+        assert entry.promised_error_px == PARAMETERS.max_error_px
+        assert entry.largest_weight_px <= PARAMETERS.max_error_px
+    assert manifest.bytes == sum(
         path.stat().st_size for path in built.rglob("*") if path.suffix in (".exr", ".glb") or path.name == "city.json"
     )
 
@@ -143,7 +143,7 @@ def test_a_changed_building_rebuilds_the_cells_that_see_it_and_no_others(tmp_pat
     assert (summary.built, summary.unchanged) == (0, summary.cells)
     high = _changed(low, "house", yard.top + 25.0)
     summary = build_dataset(high, out, PARAMETERS)
-    sees = {e["id"] for e in open_dataset(out).manifest["cells"] if "house" in e["near"] + e["far"]}
+    sees = {e.id for e in open_dataset(out).manifest.cells if "house" in e.near + e.far}
     assert summary.built == len(sees) > 0
     assert summary.unchanged == summary.cells - len(sees) > 0
     build_dataset(high, tmp_path / "fresh", PARAMETERS)
@@ -181,9 +181,8 @@ def test_a_changed_parameter_rebuilds_everything(tmp_path):
 def test_more_cells_keep_those_that_are_there(tmp_path):
     out = tmp_path / "out"
     build_dataset(crossroads(), out, PARAMETERS, max_cells=3)
-    names = [entry["id"] for entry in open_dataset(out).manifest["cells"]]
-    _, every = cells_to_build(crossroads(), PARAMETERS)
-    other = next(name for name in every if name not in names)
+    names = [entry.id for entry in open_dataset(out).manifest.cells]
+    other = next(name for name in choose_cells(crossroads(), PARAMETERS).names if name not in names)
     summary = build_dataset(crossroads(), out, PARAMETERS, cells=[other])
     assert (summary.built, summary.cells) == (1, 4)
 
@@ -240,7 +239,7 @@ def test_a_manifest_cannot_point_outside_the_dataset(built):
     dataset = open_dataset(built)
     for name in ("../secret", "/etc/passwd"):
         with pytest.raises(DatasetError, match="within"):
-            dataset.read({"name": name, "bytes": 1, "sha256": ""})
+            dataset.read(FileEntry(name, 1, ""))
 
 
 def test_a_full_disk_says_so_and_loses_nothing(built, tmp_path):

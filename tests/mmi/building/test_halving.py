@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -35,14 +36,17 @@ def test_only_what_is_asked_for_and_exceeded_is_named():
     assert exceeded(parameters, layers=4, stored_bytes=1001) == {"layers": (4, 3), "bytes": (1001, 1000)}
 
 
-def test_parts_that_meet_become_neighbours():
+def test_parts_that_meet_become_neighbours(tmp_path):
+    build_dataset(crossroads(), tmp_path, PARAMETERS, max_cells=1)
+    made = open_dataset(tmp_path).manifest.cells[0]
+
     def entry(name, start, end, *neighbours):
-        return {"id": name, "axis": [[start, 0.0], [end, 0.0]], "neighbours": list(neighbours)}
+        return replace(made, id=name, axis=((start, 0.0), (end, 0.0)), neighbours=neighbours)
 
     whole = [entry("a-0", 0, 40, "a-1"), entry("a-1", 40, 80, "a-0", "a-2")]
     assert with_halves_joined(whole) == whole
     cut = [entry("x-0", 0, 20, "x-1"), entry("x-1a", 20, 30, "x-0", "x-2"), entry("x-1b", 30, 40, "x-0", "x-2")]
-    found = {one["id"]: one["neighbours"] for one in with_halves_joined([*cut, entry("x-2", 40, 60, "x-1")])}
+    found = {one.id: list(one.neighbours) for one in with_halves_joined([*cut, entry("x-2", 40, 60, "x-1")])}
     assert found == {"x-0": ["x-1a"], "x-1a": ["x-0", "x-1b"], "x-1b": ["x-1a", "x-2"], "x-2": ["x-1b"]}
 
 
@@ -53,25 +57,23 @@ def test_budgets_without_meaning_are_refused(budget):
 
 
 def test_cells_over_budget_are_cut_until_they_keep_it_or_are_named(tmp_path):
-    from dataclasses import replace
-
     cells = ["0000-00", "0000-01"]
     free = build_dataset(crossroads(), tmp_path / "free", PARAMETERS, cells=cells)
-    sizes = [one["bytes"] for one in open_dataset(tmp_path / "free").manifest["cells"]]
+    sizes = [one.bytes for one in open_dataset(tmp_path / "free").manifest.cells]
     assert free.cut == 0 and free.over_budget == {}
     limit = int(0.95 * max(sizes))
     tight = replace(PARAMETERS, max_bytes=limit)
     summary = build_dataset(crossroads(), tmp_path / "tight", tight, cells=cells)
-    entries = open_dataset(tmp_path / "tight").manifest["cells"]
+    entries = open_dataset(tmp_path / "tight").manifest.cells
     assert summary.cut > 0 and summary.cells == len(entries) > len(cells)
-    over = {one["id"] for one in entries if one["bytes"] > limit}
+    over = {one.id for one in entries if one.bytes > limit}
     assert set(summary.over_budget) == over
     for one in entries:
-        length = math.dist(*one["axis"])
-        assert one["bytes"] <= limit or length < 2.0 * SHORTEST
-    total = sum(math.dist(*one["axis"]) for one in entries)
-    whole = sum(math.dist(*one["axis"]) for one in open_dataset(tmp_path / "free").manifest["cells"])
+        length = math.dist(*one.axis)
+        assert one.bytes <= limit or length < 2.0 * SHORTEST
+    total = sum(math.dist(*one.axis) for one in entries)
+    whole = sum(math.dist(*one.axis) for one in open_dataset(tmp_path / "free").manifest.cells)
     assert np.isclose(total, whole)
     again = build_dataset(crossroads(), tmp_path / "tight", tight, cells=cells)
     assert again.built == 0 and again.complete == len(cells) and again.cells == summary.cells
-    assert open_dataset(tmp_path / "tight").manifest["cells"] == entries
+    assert open_dataset(tmp_path / "tight").manifest.cells == entries

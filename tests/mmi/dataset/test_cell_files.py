@@ -9,6 +9,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from cities import block, city_of, crossroads
+from manifests import with_first_cell, with_first_picture
 from PIL import Image
 from rasters import psnr
 
@@ -19,7 +20,7 @@ from mmi.building.dataset import build_dataset
 from mmi.capture.layer_values import GridMesh, LayerPicture
 from mmi.capture.renderer import Capturer
 from mmi.cells.viewing_cells import viewing_cells
-from mmi.dataset.cell_files import read_depths, read_impostor, read_pictures, stored_cell
+from mmi.dataset.cell_files import read_depths, read_impostor, read_pictures
 from mmi.dataset.city_files import city_glb, read_city_mesh
 from mmi.dataset.glb import GlbImage, GlbScene, glb_bytes, read_glb
 from mmi.dataset.reading import Dataset, open_dataset
@@ -42,7 +43,7 @@ def built(tmp_path_factory):
 
 @pytest.fixture
 def cell(built):
-    return built.manifest["cells"][0]["id"]
+    return built.manifest.cells[0].id
 
 
 def same_mesh(one, other):
@@ -57,16 +58,16 @@ def nearly_same_vertices(one, other):
 def test_pictures_and_depths_are_what_was_captured(built, cell):
     scene = prepare_city(crossroads(), PARAMETERS)
     with Capturer(scene.mesh) as capturer:
-        captured = build_cell(scene, stored_cell(built.cell(cell)), capturer)
+        captured = build_cell(scene, built.cell(cell).viewing_cell, capturer)
     pictures, depths = read_pictures(built, cell), read_depths(built, cell)
     named = {layer.name: layer for layer in captured.layers}
-    assert [one.name for one in pictures] == [one["name"] for k in built.cell(cell)["layers"] for one in k]
+    assert [one.name for one in pictures] == [one.name for k in built.cell(cell).layers for one in k]
     assert set(named) == set(depths) == {one.name for one in pictures}
     place = np.zeros(len(scene.city.objects) + 1, dtype=np.uint32)
     place[captured.far] = np.arange(len(captured.far)) + 1
     for picture in pictures:
         layer, (depth, places) = named[picture.name], depths[picture.name]
-        assert (picture.index, picture.sector, picture.part) == (layer.index, layer.sector, layer.part)
+        assert (picture.index, picture.sector, picture.piece) == (layer.index, layer.sector, layer.piece)
         assert (picture.view.focal, picture.view.window) == (layer.texture.view.focal, layer.texture.view.window)
         np.testing.assert_allclose(picture.view.eye_from_world, layer.texture.view.eye_from_world, atol=1e-12)
         assert psnr(picture.pixels[..., :3], layer.texture.color) > 30.0
@@ -86,7 +87,7 @@ def test_pictures_are_as_good_as_asked_for_and_coverage_always_is(tmp_path, buil
     build_dataset(crossroads(), tmp_path / "out", parameters, cells=[cell])
     scene = prepare_city(crossroads(), parameters)
     with Capturer(scene.mesh) as capturer:
-        captured = {one.name: one.texture for one in build_cell(scene, stored_cell(built.cell(cell)), capturer).layers}
+        captured = {one.name: one.texture for one in build_cell(scene, built.cell(cell).viewing_cell, capturer).layers}
     dataset = open_dataset(tmp_path / "out")
     pictures = read_pictures(dataset, cell)
     assert len(pictures) > 2
@@ -94,7 +95,7 @@ def test_pictures_are_as_good_as_asked_for_and_coverage_always_is(tmp_path, buil
         texture = captured[picture.name]
         assert psnr(picture.pixels[..., :3], texture.color) >= at_least
         assert np.array_equal(picture.pixels[..., 3], np.where(texture.coverage, 255, 0))
-    sizes = [one.cell(cell)["files"]["glb"]["bytes"] for one in (dataset, built)]
+    sizes = [one.cell(cell).files.glb.bytes for one in (dataset, built)]
     assert (sizes[0] > sizes[1]) == (quality > PARAMETERS.texture_quality)
 
 
@@ -115,18 +116,18 @@ def test_the_exr_holds_depth_and_ids_for_other_programs(built, cell):
 def test_the_manifest_says_how_far_meshes_displace_texels(built, cell):
     scene = prepare_city(crossroads(), PARAMETERS)
     with Capturer(scene.mesh) as capturer:
-        captured = build_cell(scene, stored_cell(built.cell(cell)), capturer)
+        captured = build_cell(scene, built.cell(cell).viewing_cell, capturer)
     seen_from = np.column_stack([captured.cell.corners, np.full(4, captured.cell.reference[2])])
     worst = max(displacement(one.texture, one.mesh, seen_from) for one in captured.layers)
-    assert built.cell(cell)["displacement_px"] == pytest.approx(PARAMETERS.camera.pixels_from_angle(worst))
-    assert 0.0 < built.cell(cell)["displacement_px"]
-    assert built.cell(cell)["largest_weight_px"] <= built.cell(cell)["promised_error_px"] == PARAMETERS.max_error_px
+    assert built.cell(cell).displacement_px == pytest.approx(PARAMETERS.camera.pixels_from_angle(worst))
+    assert 0.0 < built.cell(cell).displacement_px
+    assert built.cell(cell).largest_weight_px <= built.cell(cell).promised_error_px == PARAMETERS.max_error_px
 
 
 def test_triangles_that_need_captured_depths_come_last(built, cell):
     scene = prepare_city(crossroads(), PARAMETERS)
     with Capturer(scene.mesh) as capturer:
-        captured = build_cell(scene, stored_cell(built.cell(cell)), capturer)
+        captured = build_cell(scene, built.cell(cell).viewing_cell, capturer)
     eye = captured.cell.reference
     late = out_of_order(
         [CapturedLayer(one.index, one.texture.view, one.mesh, one.texture.depth) for one in captured.layers],
@@ -139,9 +140,9 @@ def test_triangles_that_need_captured_depths_come_last(built, cell):
     pictures = read_pictures(built, cell)
     for one in pictures:
         flag, all_of_it = flags[one.name], triangles[one.name]
-        assert one.plain == np.count_nonzero(~flag)
+        assert one.in_order == np.count_nonzero(~flag)
         assert np.array_equal(one.mesh.triangles, np.concatenate([all_of_it[~flag], all_of_it[flag]]))
-    assert 0 < sum(one.plain for one in pictures) < sum(len(one.mesh.triangles) for one in pictures)
+    assert 0 < sum(one.in_order for one in pictures) < sum(len(one.mesh.triangles) for one in pictures)
 
 
 def test_an_impostor_is_its_pictures_and_depths(built, cell):
@@ -159,17 +160,17 @@ def test_an_impostor_is_its_pictures_and_depths(built, cell):
 
 def test_the_manifest_says_between_which_depths_meshes_lie(built, cell):
     pictures = read_pictures(built, cell)
-    described = [one for layers in built.cell(cell)["layers"] for one in layers]
+    described = [one for layers in built.cell(cell).layers for one in layers]
     for picture, one in zip(pictures, described, strict=True):
         depth = picture.view.project(picture.mesh.vertices.astype(float))[:, 2]
-        assert one["depth"] == pytest.approx([depth.min(), depth.max()], rel=1e-9)
-        assert 0.0 < one["depth"][0] <= one["depth"][1]
+        assert one.depth == pytest.approx([depth.min(), depth.max()], rel=1e-9)
+        assert 0.0 < one.depth[0] <= one.depth[1]
 
 
 def test_a_cell_without_layers_has_no_pictures(tmp_path):
     build_dataset(crossroads(), tmp_path / "out", replace(PARAMETERS, near_distance=1000.0), max_cells=1)
     dataset = open_dataset(tmp_path / "out")
-    name = dataset.manifest["cells"][0]["id"]
+    name = dataset.manifest.cells[0].id
     assert read_pictures(dataset, name) == ()
     assert read_depths(dataset, name) == {}
     assert read_impostor(dataset, name, dataset.city()).layers == ()
@@ -188,7 +189,7 @@ def copied(built, tmp_path):
 )
 @pytest.mark.parametrize("damage", ["missing", "short", "other"])
 def test_a_missing_or_damaged_file_is_named_and_the_other_is_not_read(copied, suffix, read, spared, damage):
-    cell = copied.manifest["cells"][0]["id"]
+    cell = copied.manifest.cells[0].id
     path = copied.path / "cells" / f"{cell}.{suffix}"
     data = path.read_bytes()
     path.unlink()
@@ -202,36 +203,24 @@ def test_a_missing_or_damaged_file_is_named_and_the_other_is_not_read(copied, su
     assert len(spared(copied, cell)) > 2
 
 
-def with_layer(dataset, **fields):
-    """The dataset with other fields for the first picture of its first cell."""
-    entry = dataset.manifest["cells"][0]
-    k = next(i for i, layers in enumerate(entry["layers"]) if layers)
-    layers = [list(one) for one in entry["layers"]]
-    layers[k][0] = {**layers[k][0], **fields}
-    return Dataset(dataset.path, {**dataset.manifest, "cells": [{**entry, "layers": layers}]})
-
-
 @pytest.mark.parametrize(
     "fields",
     [
         {"name": "s9.l9"},
         {"index": 7},
-        {"part": 3},
+        {"piece": 3},
         {"focal": 10.0},
-        {"window": [0, 0, 16, 16]},
-        {"window": [0, 0, -1, 16]},
-        {"window": "wide"},
-        {"triangles": 1},
-        {"plain": -1},
-        {"plain": 100_000},
+        {"window": (0, 0, 16, 16)},
+        {"window": (0, 0, -1, 16)},
+        {"triangles": 1, "in_order": 0},
     ],
 )  # fmt: skip
 def test_a_picture_that_the_manifest_does_not_describe_is_refused(copied, fields):
-    cell = copied.manifest["cells"][0]["id"]
+    cell = copied.manifest.cells[0].id
     with pytest.raises(DatasetError, match=rf"{cell}\.glb: the layers that the manifest describes expected"):
-        read_pictures(with_layer(copied, **fields), cell)
+        read_pictures(with_first_picture(copied, **fields), cell)
     with pytest.raises(DatasetError, match=rf"{cell}\.glb: the layers"):
-        read_impostor(with_layer(copied, **fields), cell, copied.city())
+        read_impostor(with_first_picture(copied, **fields), cell, copied.city())
 
 
 def png(pixels):
@@ -243,8 +232,8 @@ def png(pixels):
 @pytest.mark.parametrize("what", ["size", "no alpha", "no picture", "nodes"])
 def test_a_file_of_other_layers_is_refused(copied, what):
     """As if a build had gone wrong: the checksum holds."""
-    entry = copied.manifest["cells"][0]
-    cell, path = entry["id"], copied.path / "cells" / f"{entry['id']}.glb"
+    entry = copied.manifest.cells[0]
+    cell, path = entry.id, copied.path / "cells" / f"{entry.id}.glb"
     scene = read_glb(path)
     nodes, images = list(scene.nodes), list(scene.images)
     height, width = read_pictures(copied, cell)[0].pixels.shape[:2]
@@ -257,20 +246,21 @@ def test_a_file_of_other_layers_is_refused(copied, what):
         images[0] = png(np.zeros((height + (bands == 4), width, bands), dtype=np.uint8))
     data = glb_bytes(GlbScene(tuple(nodes), tuple(images)))
     path.write_bytes(data)
-    file = {**entry["files"]["glb"], "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
-    other = Dataset(copied.path, {**copied.manifest, "cells": [{**entry, "files": {**entry["files"], "glb": file}}]})
+    file = replace(entry.files.glb, bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
+    other = with_first_cell(copied, files=replace(entry.files, glb=file))
     with pytest.raises(DatasetError, match=rf"{cell}\.glb: the layers that the manifest describes expected"):
         read_pictures(other, cell)
 
 
 def test_depths_of_another_size_or_of_objects_that_are_not_listed_are_refused(copied):
-    entry = copied.manifest["cells"][0]
-    for changed in (with_layer(copied, window=[0, 0, 8, 8]), with_layer(copied, name="s9.l9")):
+    entry = copied.manifest.cells[0]
+    for changed in (with_first_picture(copied, window=(0, 0, 8, 8)), with_first_picture(copied, name="s9.l9")):
         with pytest.raises(DatasetError, match=r"\.exr: the layers that the manifest describes"):
-            read_depths(changed, entry["id"])
-    fewer = Dataset(copied.path, {**copied.manifest, "cells": [{**entry, "far": entry["far"][:1], "near": []}]})
+            read_depths(changed, entry.id)
+    one_object = tuple(tuple(replace(one, objects=(0,)) for one in sector) for sector in entry.layers)
+    fewer = with_first_cell(copied, far=entry.far[:1], near=(), layers=one_object)
     with pytest.raises(DatasetError, match=r"\.exr: the layers that the manifest describes"):
-        read_depths(fewer, entry["id"])
+        read_depths(fewer, entry.id)
 
 
 def test_a_picture_is_as_large_as_its_window(built, cell):
@@ -285,8 +275,8 @@ def test_rims_keep_the_ids_of_near_objects(tmp_path):
     city = city_of(*(block(f"house {k}", x, 12.0, x + 10.0, 22.0, 9.0) for k, x in enumerate(range(-80, 80, 10))))
     build_dataset(city, tmp_path / "row", BuildParameters(camera=PARAMETERS.camera, near_distance=20.0))
     dataset = open_dataset(tmp_path / "row")
-    (entry,) = dataset.manifest["cells"]
-    impostor = read_impostor(dataset, entry["id"], dataset.city())
+    (entry,) = dataset.manifest.cells
+    impostor = read_impostor(dataset, entry.id, dataset.city())
     shown = {int(i) for layer in impostor.layers for i in np.unique(layer.texture.object_ids[layer.texture.coverage])}
     assert shown & set(impostor.near.tolist())
     assert {int(i) for layer in impostor.layers for i in layer.objects} <= set(impostor.far.tolist())
@@ -316,9 +306,9 @@ def test_an_object_may_be_called_like_the_ground(tmp_path):
 
 
 def test_a_city_without_ground_is_refused(built):
-    city = {**built.manifest["city"], "objects": 10**6}
+    city = replace(built.manifest.city, objects=10**6)
     with pytest.raises(DatasetError, match=r"city\.glb: objects, ground and two textures expected"):
-        read_city_mesh(Dataset(built.path, {**built.manifest, "city": city}))
+        read_city_mesh(Dataset(built.path, replace(built.manifest, city=city)))
 
 
 # One layer for all
@@ -331,12 +321,12 @@ def test_a_single_layer_holds_every_far_object(built, cell, tmp_path):
         build_dataset(crossroads(), tmp_path / name, parameters, cells=[cell])
     layered, dataset = open_dataset(tmp_path / "several"), open_dataset(tmp_path / "out")
     one, several = dataset.cell(cell), layered.cell(cell)
-    assert (one["near"], one["far"]) == (several["near"], several["far"])
-    assert {layer["index"] for k in several["layers"] for layer in k} > {0}
-    assert {layer["index"] for k in one["layers"] for layer in k} == {0}
-    assert one["promised_error_px"] is None and several["promised_error_px"] is None
-    assert built.cell(cell)["promised_error_px"] == PARAMETERS.max_error_px
-    assert one["largest_weight_px"] > single.max_error_px >= several["largest_weight_px"]
+    assert (one.near, one.far) == (several.near, several.far)
+    assert {layer.index for k in several.layers for layer in k} > {0}
+    assert {layer.index for k in one.layers for layer in k} == {0}
+    assert one.promised_error_px is None and several.promised_error_px is None
+    assert built.cell(cell).promised_error_px == PARAMETERS.max_error_px
+    assert one.largest_weight_px > single.max_error_px >= several.largest_weight_px
     impostor = read_impostor(dataset, cell, dataset.city())
     shown, of_several = (
         {int(i) for layer in one.layers for i in layer.objects}

@@ -100,6 +100,7 @@ def test_no_field_takes_any_value(documents, name):
                     "near_triangles",
                     "longest_object",
                     "promised_error_px",
+                    "promise_withheld",
                     "missed_px",
                     "max_layers",
                     "max_triangles",

@@ -22,7 +22,7 @@ def layer_of(index, *, sector=0, width=128, height=64, near=50.0):
     ids = np.where(np.isfinite(depth), index, -1).astype(np.int32)
     texture = DepthTexture(view, color, depth, ids)
     mesh = grid_mesh(texture, viewpoints=view.eye + np.array([[0.0, -20.0, 0.0], [0.0, 20.0, 0.0]]), tolerance=0.01)
-    return Layer(index, sector, 0, np.array([index]), texture, mesh)
+    return Layer(index, sector, 0, np.array([index]), texture, mesh, 0.0)
 
 
 def test_a_row_shows_colour_depth_and_mesh_of_its_layer():

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from rasters import bilinear, draw
 from scipy.ndimage import binary_dilation, binary_fill_holes, maximum_filter, minimum_filter
 
-from mmi.capture.covered_parts import covered_windows
+from mmi.capture.covered_pieces import covered_windows
 from mmi.capture.layer_values import DepthTexture, GridMesh
 from mmi.foundation.camera import level_view
 from mmi.meshing.displacement import displacement

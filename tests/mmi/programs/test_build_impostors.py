@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -477,11 +478,11 @@ def test_one_layer_for_all_far_objects(capsys, city, dataset, tmp_path):
     )
     assert (status, err) == (0, "")
     single, best = open_dataset(tmp_path / "out").manifest, open_dataset(dataset).manifest
-    assert single["parameters"] == {**best["parameters"], "layering": "single"}
-    for one, other in zip(single["cells"], best["cells"], strict=True):
-        assert (one["near"], one["far"]) == (other["near"], other["far"])
-        assert {layer["index"] for sector in one["layers"] for layer in sector} <= {0}
-        assert one["promised_error_px"] is None
+    assert single.parameters == replace(best.parameters, layering="single")
+    for one, other in zip(single.cells, best.cells, strict=True):
+        assert (one.near, one.far) == (other.near, other.far)
+        assert {layer.index for sector in one.layers for layer in sector} <= {0}
+        assert one.promised_error_px is None
 
 
 def test_a_manifest_that_was_edited_is_refused_and_mended_by_the_same_command(capsys, city, tmp_path):
@@ -538,4 +539,4 @@ def test_inspect_layers_refuses_a_folder_that_it_cannot_make(capsys, dataset, tm
 
 def test_the_small_town_is_one_that_has_layers(dataset):
     """Else the tests above would not see a cell's files written."""
-    assert sum(map(bool, (sector for one in open_dataset(dataset).manifest["cells"] for sector in one["layers"]))) > 3
+    assert sum(map(bool, (sector for one in open_dataset(dataset).manifest.cells for sector in one.layers))) > 3

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from mmi.dataset.cell_files import captured_view
 from mmi.foundation.errors import DatasetError
 from viewer.cells.layer_atlas import BORDER
 from viewer.cells.loaded_cell import load_cell
@@ -12,28 +11,28 @@ def test_a_loaded_cell_is_what_was_captured(scene, dataset):
     loaded = load_cell(scene, "0001-01", measured=True)
     entry = dataset.cell("0001-01")
     assert loaded.key == CellKey("multi-mesh", "0001-01")
-    assert [layer.name for layer in loaded.layers] == [one["name"] for some in entry["layers"] for one in some]
-    far = {scene.objects[one] for one in entry["far"]}
-    for layer, described in zip(loaded.layers, [one for some in entry["layers"] for one in some], strict=True):
+    assert [layer.name for layer in loaded.layers] == [one.name for some in entry.layers for one in some]
+    far = {scene.objects[one] for one in entry.far}
+    for layer, described in zip(loaded.layers, [one for some in entry.layers for one in some], strict=True):
         inner = np.s_[BORDER:-BORDER, BORDER:-BORDER]
         covered = layer.pixels[inner][..., 3] == 255
         depth = layer.depth[inner]
         assert np.array_equal(layer.object_ids[inner] >= 0, covered)
         assert set(np.unique(layer.object_ids)) - {-1} <= far
         assert np.isfinite(depth[covered]).all()
-        assert len(layer.triangles) == described["triangles"]
+        assert len(layer.triangles) == described.triangles
         beyond = np.isfinite(depth) & ~covered
         padded = np.pad(covered, 1)
         around = np.any(
             [padded[i : i + covered.shape[0], j : j + covered.shape[1]] for i in range(3) for j in range(3)], 0
         )
         assert np.array_equal(beyond, around & ~covered), "depth goes on for one texel"
-        view = captured_view(entry, int(layer.name[1]), described)
+        view = entry.view(int(layer.name[1]), described)
         u, v, deep = view.project(layer.vertices[:, :3].astype(float)).T
         np.testing.assert_allclose(layer.vertices[:, 5], deep, rtol=1e-5)
         at = layer.vertices[:, 3:5] / layer.vertices[:, 5:] * loaded.size
-        np.testing.assert_allclose(at[:, 0], u - described["window"][0] + layer.corner[0] + BORDER, atol=0.01)
-        np.testing.assert_allclose(at[:, 1], v - described["window"][1] + layer.corner[1] + BORDER, atol=0.01)
+        np.testing.assert_allclose(at[:, 0], u - described.window[0] + layer.corner[0] + BORDER, atol=0.01)
+        np.testing.assert_allclose(at[:, 1], v - described.window[1] + layer.corner[1] + BORDER, atol=0.01)
     assert loaded.bytes > sum(layer.pixels.nbytes + layer.depth.nbytes for layer in loaded.layers)
     plain = load_cell(scene, "0001-01")
     assert all(layer.object_ids is None for layer in plain.layers)

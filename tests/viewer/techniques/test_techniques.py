@@ -51,15 +51,15 @@ def test_what_geometry_techniques_draw(scenes, scene, dataset):
     index = dataset.city().index()
     assert objects(plans["full"]).tolist() == list(range(16))
     assert plans["full"].cells == plans["visible"].cells == plans["local"].cells == ()
-    assert objects(plans["visible"]).tolist() == sorted(index[one] for one in entry["near"] + entry["far"])
+    assert objects(plans["visible"]).tolist() == sorted(index[one] for one in entry.near + entry.far)
     for name in ("local", "multi-mesh", "single-mesh"):
-        assert objects(plans[name]).tolist() == sorted(index[one] for one in entry["near"])
+        assert objects(plans[name]).tolist() == sorted(index[one] for one in entry.near)
         assert plans[name].place == "0001-01"
 
 
 def test_layers_are_those_of_the_cell_that_the_view_may_show_nearest_first(scenes, scene, dataset):
     entry = dataset.cell("0001-01")
-    depth = {one["name"]: one["depth"][0] for sector in entry["layers"] for one in sector}
+    depth = {one.name: one.depth[0] for sector in entry.layers for one in sector}
     seen = set()
     for azimuth in np.linspace(-3.1, 3.1, 24):
         plan = make_technique("multi-mesh", scenes).plan(look(scene, 50.0, 0.0, azimuth), now=0.0, budget=BUDGET)
@@ -73,8 +73,8 @@ def test_layers_are_those_of_the_cell_that_the_view_may_show_nearest_first(scene
 
 def test_single_mesh_has_one_layer_a_sector(single):
     entry = single.dataset.cell("0001-01")
-    assert {one["index"] for sector in entry["layers"] for one in sector} == {0}
-    assert entry["promised_error_px"] is None
+    assert {one.index for sector in entry.layers for one in sector} == {0}
+    assert entry.promised_error_px is None
 
 
 def test_neighbours_are_wanted_ahead_in_the_direction_of_walking(scenes, scene):

@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import hashlib
 import os
+import signal
+import traceback
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mmi.appearance.city_mesh import CityMesh
-from mmi.building.cell import capture_layers
+from mmi.building.cell import capture_cell
 from mmi.building.halving import exceeded, halves
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.city.codec import city_from_json, object_fingerprints
 from mmi.city.model import City
 from mmi.city.terrain import Terrain
 from mmi.dataset.cell_files import write_cell
-from mmi.dataset.folder import FORMAT_VERSION, DatasetFolder
+from mmi.dataset.folder import DatasetFolder
+from mmi.dataset.manifest import FORMAT_VERSION, CellEntry, CellRecord
 from mmi.foundation.errors import DatasetError, MmiError
 from mmi.foundation.json_forms import fingerprint
 from mmi.foundation.processes import package_version, peak_memory, without_interrupts
@@ -66,11 +70,10 @@ def _cell_values(cell: ViewingCell) -> list[Any]:
     return [cell.id, cell.p, cell.q, cell.half_width, cell.eye, cell.street, cell.rise]
 
 
-def costs_over_budget(parameters: BuildParameters, entry: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
+def costs_over_budget(parameters: BuildParameters, entry: CellEntry) -> dict[str, tuple[int, int]]:
     """The budgets that a cell of this entry exceeds."""
-    layers = len({layer["index"] for sector in entry["layers"] for layer in sector})
-    triangles = entry["near_triangles"] + entry["triangles"]
-    return exceeded(parameters, layers=layers, triangles=triangles, stored_bytes=entry["bytes"])
+    triangles = entry.near_triangles + entry.triangles
+    return exceeded(parameters, layers=entry.layer_count, triangles=triangles, stored_bytes=entry.bytes)
 
 
 class _Worker:
@@ -83,6 +86,7 @@ class _Worker:
         self.preparation = Stopwatch()
         with self.preparation.stage("preparation"):
             self.prepared = prepare_city(city, parameters)
+            self.ids = [one.id for one in self.prepared.city.objects]
             self.prints = _looks(self.prepared.mesh, object_fingerprints(city))
             self.atlas = hashlib.sha256(self.prepared.mesh.texture.data).hexdigest()
             self.terrain = _terrain_print(city.terrain)
@@ -93,27 +97,35 @@ class _Worker:
         watch, self.preparation = self.preparation, Stopwatch()  # the first cell's seconds include the preparation
         plan = plan_cell(self.prepared, job.cell, identify=self.capturer.identify, watch=watch)
         content = self._content(job, plan)
-        record = self.folder.record(job.cell.id)
-        captured = record is None or record.get("content") != content
-        parts = job.halves()
-        entry: dict[str, Any] = {"files": {}}
-        if record is not None and not captured:
-            entry, cut = record["entry"], bool(record["halves"])
-        elif not (cut := bool(parts and exceeded(self.prepared.parameters, layers=len(plan.layers)))):
-            layers = capture_layers(self.prepared, plan, self.capturer, watch=watch)
-            entry = write_cell(self.folder, self.prepared, plan, layers, neighbours=job.neighbours, watch=watch)
-            cut = bool(parts and costs_over_budget(self.prepared.parameters, entry))
-        if cut and captured:
+        record, parts = self.folder.record(job.cell.id), job.halves()
+        captured = record is None or record.content != content
+        entry = self._captured(job, plan, watch, may_cut=bool(parts)) if record is None or captured else record.entry
+        if entry is None and captured:
             self.folder.remove_cell(job.cell.id)
-            entry = {"files": {}}
-        values = {"inputs": job.inputs, "content": content, "entry": entry, "halves": cut}
-        self.folder.write_record(job.cell.id, values)
+        self.folder.write_record(job.cell.id, CellRecord(job.inputs, content, entry))
         seconds, memory = watch.seconds, peak_memory(shared=False)
-        return Done(job.cell.id, captured, parts if cut else [], seconds, os.getpid(), memory)
+        return Done(job.cell.id, captured, parts if entry is None else [], seconds, os.getpid(), memory)
+
+    def _captured(self, job: Job, plan: CellPlan, watch: Stopwatch, *, may_cut: bool) -> CellEntry | None:
+        """Capture the cell and write its files; None where it exceeds a budget and is to be cut instead."""
+        parameters = self.prepared.parameters
+        if may_cut and exceeded(parameters, layers=len(plan.layers)):
+            return None
+        impostor = capture_cell(self.prepared, plan, self.capturer, watch=watch)
+        with watch.stage("writing"):
+            entry = write_cell(
+                self.folder,
+                impostor,
+                self.ids,
+                camera=parameters.camera,
+                neighbours=job.neighbours,
+                quality=parameters.texture_quality,
+            )
+        return None if may_cut and costs_over_budget(parameters, entry) else entry
 
     def _content(self, job: Job, plan: CellPlan) -> str:
         """Fingerprint of everything that the cell's files and its entry are made from."""
-        ids = [self.prepared.city.objects[i].id for i in plan.selection.objects]
+        ids = [self.ids[i] for i in plan.selection.objects]
         prints = [self.prints[i] for i in plan.selection.objects]
         settings = [
             FORMAT_VERSION,
@@ -166,7 +178,7 @@ def run_jobs(
                 yield done
         return
     context = get_context("spawn")
-    ends, processes = [], []
+    crew: dict[Connection, BaseProcess] = {}
     try:
         for _ in range(workers):
             ours, theirs = context.Pipe()
@@ -174,41 +186,80 @@ def run_jobs(
             with without_interrupts():
                 process.start()
             theirs.close()
-            ends.append(ours)
-            processes.append(process)
-        yield from _deal(folder, list(reversed(jobs)), ends)
+            crew[ours] = process
+        yield from _deal(folder, list(reversed(jobs)), crew)
     finally:
-        for end in ends:
+        for end in crew:
             end.close()  # a worker ends when its pipe does
-        for process in processes:
-            process.join(timeout=10.0)
-            process.kill()
+        for worked in crew.values():
+            worked.join(timeout=10.0)
+            worked.kill()
 
 
-def _deal(folder: DatasetFolder, jobs: list[Job], ends: list[Connection]) -> Iterator[Done]:
+def _deal(folder: DatasetFolder, jobs: list[Job], crew: Mapping[Connection, BaseProcess]) -> Iterator[Done]:
     """Hand jobs (from the list's end) to whichever worker is free."""
-    busy, idle = list(ends), list[Connection]()
-    for end in ends:
-        end.send(jobs.pop())
+    busy, idle = list[Connection](), list(crew)
+
+    def hand_out() -> None:
+        while jobs and idle:
+            end = idle.pop()
+            try:
+                end.send(jobs.pop())
+            except OSError as error:  # it ended while it had nothing to do
+                raise _ended(folder, crew[end]) from error
+            busy.append(end)
+
+    hand_out()
     while busy:
         for ready in wait(busy):
             end = busy[busy.index(ready)]  # type: ignore[arg-type]
             try:
                 answer = end.recv()
             except (EOFError, OSError) as error:
-                raise DatasetError(
-                    f"{folder.path}: a worker process ended unexpectedly (out of memory?); run the same command again, "
-                    "perhaps with fewer --workers: finished cells are kept"
-                ) from error
-            if isinstance(answer, BaseException):
+                raise _ended(folder, crew[end]) from error
+            if isinstance(answer, _Fault):
+                raise DatasetError(f"{folder.path}: {answer.what}; finished cells are kept") from RuntimeError(
+                    answer.trace
+                )
+            if isinstance(answer, MmiError):
                 raise answer
             jobs += reversed(answer.halves)
             busy.remove(end)
             idle.append(end)
-            while jobs and idle:
-                busy.append(idle.pop())
-                busy[-1].send(jobs.pop())
+            hand_out()
             yield answer
+
+
+def _ended(folder: DatasetFolder, process: BaseProcess) -> DatasetError:
+    """What to say of a worker process that is no more."""
+    process.join(timeout=1.0)
+    code = process.exitcode
+    how = f"with status {code}"
+    if code is not None and code < 0:
+        how = f"by signal {-code}" + (
+            ", which the system sends when memory runs out" if -code == signal.SIGKILL else ""
+        )
+    return DatasetError(
+        f"{folder.path}: a worker process ended unexpectedly ({how}); run the same command again, perhaps with fewer "
+        "--workers: finished cells are kept"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Fault:
+    """An error in a worker that is none of ours: what it was and where, and its traceback."""
+
+    what: str
+    trace: str
+
+
+def _fault(job: Job, error: Exception) -> _Fault:
+    if isinstance(error, MemoryError):
+        return _Fault(f"cell {job.cell.id}: memory ran out ({error}); try fewer --workers", traceback.format_exc())
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    where = f"{Path(place.filename).name}, line {place.lineno}"
+    what = f"cell {job.cell.id}: {type(error).__name__}: {error} ({where}); this is a fault of the program, please report it"
+    return _Fault(what, traceback.format_exc())
 
 
 def _serve(jobs: Connection, path: str, parameters: BuildParameters) -> None:
@@ -223,7 +274,7 @@ def _serve(jobs: Connection, path: str, parameters: BuildParameters) -> None:
             job = jobs.recv()
         except (EOFError, OSError):
             return  # the parent has no more work, or is gone
-        answer: Done | MmiError
+        answer: Done | MmiError | _Fault
         try:
             if worker is None:
                 folder = DatasetFolder(Path(path))
@@ -231,6 +282,8 @@ def _serve(jobs: Connection, path: str, parameters: BuildParameters) -> None:
             answer = worker.make(job)
         except MmiError as error:
             answer = error
+        except Exception as error:
+            answer = _fault(job, error)
         try:
             jobs.send(answer)
         except OSError:

@@ -1,4 +1,4 @@
-"""A layer's picture in a sector, cut into parts where its objects leave wide gaps: what is empty takes no memory."""
+"""A layer's picture in a sector, cut into pieces where its objects leave wide gaps: what is empty takes no memory."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from numpy.typing import NDArray
 from mmi.capture.dilation import dilate
 from mmi.capture.layer_values import DepthTexture
 
-__all__ = ["covered_parts", "covered_windows"]
+__all__ = ["covered_pieces", "covered_windows"]
 
-_PART = 4096  # texels: a picture of its own costs about as much as so many empty texels
+_PIECE = 4096  # texels: a picture of its own costs about as much as so many empty texels
 _COLOR_REACH = 4
 """Texels that colour is dilated beyond silhouettes."""
 
 
-def covered_parts(texture: DepthTexture, *, quad: int, half_width: float) -> list[DepthTexture]:
+def covered_pieces(texture: DepthTexture, *, quad: int, half_width: float) -> list[DepthTexture]:
     """What shows something, cropped to whole quads and colour dilated.
 
     Not what shows nothing within ``half_width`` (tangent) of the middle: where the next sector overlaps, that is its.
     """
     left, top, _, _ = texture.view.window
-    parts = []
+    pieces = []
     for window in covered_windows(texture, quad=quad):
         rows = slice(window[1] - top, window[1] - top + window[3])
         columns = slice(window[0] - left, window[0] - left + window[2])
@@ -32,14 +32,14 @@ def covered_parts(texture: DepthTexture, *, quad: int, half_width: float) -> lis
         if not (np.abs(u) <= half_width * view.focal).any():
             continue
         color = dilate(np.ascontiguousarray(texture.color[rows, columns]), ids >= 0, _COLOR_REACH)
-        parts.append(DepthTexture(view, color, np.ascontiguousarray(texture.depth[rows, columns]), ids))
-    return parts
+        pieces.append(DepthTexture(view, color, np.ascontiguousarray(texture.depth[rows, columns]), ids))
+    return pieces
 
 
 def covered_windows(texture: DepthTexture, *, quad: int) -> list[tuple[int, int, int, int]]:
-    """The parts of the texture's window that hold something, from left to right, in whole quads; none where nothing does.
+    """The pieces of the texture's window that hold something, from left to right, in whole quads; none where nothing does.
 
-    Empty columns of quads separate parts, each with its own upper and lower edge, unless more than ``_PART`` texels are
+    Empty columns of quads separate pieces, each with its own upper and lower edge, unless more than ``_PIECE`` texels are
     not saved by that.
     """
     left, top, _, _ = texture.view.window
@@ -54,7 +54,7 @@ def covered_windows(texture: DepthTexture, *, quad: int) -> list[tuple[int, int,
         while spans:
             last = spans[-1]
             both = (last[0], span[1], min(last[2], span[2]), max(last[3], span[3]))
-            if (_area(both) - _area(last) - _area(span)) * quad * quad > _PART:
+            if (_area(both) - _area(last) - _area(span)) * quad * quad > _PIECE:
                 break
             spans.pop()
             span = both

@@ -1,0 +1,152 @@
+"""What enters is held against the schema once: no value behind it is missing, of another kind, or contradicts another."""
+
+import copy
+import json
+from dataclasses import fields, is_dataclass
+from importlib.resources import files
+
+import pytest
+from cities import crossroads
+from manifests import sign_again
+
+from mmi.building.dataset import build_dataset
+from mmi.dataset.manifest import (
+    CellEntry,
+    CellFiles,
+    CellRecord,
+    CityEntry,
+    FileEntry,
+    LayerEntry,
+    manifest_to_json,
+    record_from_json,
+    record_to_json,
+)
+from mmi.dataset.reading import open_dataset
+from mmi.foundation.camera import Camera
+from mmi.foundation.errors import DatasetError
+from mmi.planning.parameters import BuildParameters
+
+PARAMETERS = BuildParameters(near_distance=30.0, camera=Camera(128, 128, 1.0), cell_length=80.0)
+SCHEMA = json.loads((files("mmi.dataset") / "schemas" / "manifest.json").read_bytes())
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    out = tmp_path_factory.mktemp("manifest") / "out"
+    build_dataset(crossroads(), out, PARAMETERS, max_cells=2)
+    return open_dataset(out)
+
+
+@pytest.mark.parametrize(
+    ("value", "described"),
+    [
+        (CellEntry, SCHEMA["$defs"]["cell"]),
+        (LayerEntry, SCHEMA["$defs"]["layer"]),
+        (FileEntry, SCHEMA["$defs"]["file"]),
+        (CellFiles, SCHEMA["$defs"]["cell"]["properties"]["files"]),
+        (CityEntry, SCHEMA["properties"]["city"]),
+        (BuildParameters, SCHEMA["properties"]["parameters"]),
+    ],
+)
+def test_values_have_the_fields_that_the_schema_describes(value, described):
+    assert {one.name for one in fields(value)} == set(described["properties"])
+
+
+def test_a_manifest_comes_back_as_it_was_written(dataset):
+    assert manifest_to_json(dataset.manifest) == (dataset.path / "manifest.json").read_bytes()
+    document = json.loads((dataset.path / "manifest.json").read_bytes())
+    assert dataset.manifest.bytes == document["totals"]["bytes"]
+
+
+def frozen(value):
+    """Whether nothing in a value can be changed."""
+    if is_dataclass(value):
+        return type(value).__dataclass_params__.frozen and all(
+            frozen(getattr(value, one.name)) for one in fields(value)
+        )
+    return all(map(frozen, value)) if isinstance(value, tuple) else isinstance(value, str | int | float | None)
+
+
+def test_nothing_in_it_can_be_changed(dataset):
+    assert frozen(dataset.manifest)
+
+
+def at(document, way):
+    for key in way:
+        document = document[key]
+    return document
+
+
+LAYER = ("cells", 0, "layers", "first", 0)
+CHANGES = {
+    "a cell without its axis": (("cells", 0), lambda cell: cell.pop("axis")),
+    "near is null": (("cells", 0), lambda cell: cell.update(near=None)),
+    "an axis of one point": (("cells", 0), lambda cell: cell.update(axis=[[0.0, 0.0]])),
+    "an axis of no length": (("cells", 0), lambda cell: cell.update(axis=[[0.0, 0.0], [0.0, 0.0]])),
+    "an eye in words": (("cells", 0), lambda cell: cell.update(eye=["low", 1.0])),
+    "bytes in words": (("cells", 0), lambda cell: cell.update(bytes="many")),
+    "layers are a number": (("cells", 0), lambda cell: cell.update(layers=3)),
+    "a cell that leads out of the folder": (("cells", 0), lambda cell: cell.update(id="../x")),
+    "a promise and its denial": (("cells", 0), lambda cell: cell.update(promise_withheld="no reason")),
+    "neither": (("cells", 0), lambda cell: cell.update(promised_error_px=None)),
+    "layers without an EXR": (("cells", 0, "files"), lambda some: some.pop("exr")),
+    "a file outside": (("cells", 0, "files", "glb"), lambda file: file.update(name="../../etc/passwd")),
+    "a layer of nothing": (LAYER, lambda layer: layer.clear()),
+    "an object that is not there": (LAYER, lambda layer: layer.update(objects=[10**6])),
+    "fewer than no triangles in order": (LAYER, lambda layer: layer.update(in_order=-1)),
+    "more triangles in order than there are": (LAYER, lambda layer: layer.update(in_order=100_000)),
+    "a window in words": (LAYER, lambda layer: layer.update(window="wide")),
+    "a window of no width": (LAYER, lambda layer: layer.update(window=[0, 0, -1, 16])),
+    "an unknown field": ((), lambda manifest: manifest.update(note="mended by hand")),
+    "a city of nothing": (("city",), lambda city: city.clear()),
+    "the same cell twice": (("cells",), lambda cells: cells.append(copy.deepcopy(cells[0]))),
+    "unknown weights": (("parameters",), lambda parameters: parameters.update(weights="heavy")),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_what_the_schema_does_not_describe_is_refused_although_the_checksum_holds(dataset, tmp_path, name):
+    way, change = CHANGES[name]
+    (tmp_path / "manifest.json").write_bytes((dataset.path / "manifest.json").read_bytes())
+
+    def edit(document):
+        sectors = document["cells"][0]["layers"]
+        first = next(i for i, layers in enumerate(sectors) if layers)
+        change(at(document, [first if key == "first" else key for key in way]))
+
+    sign_again(tmp_path, edit)
+    with pytest.raises(DatasetError, match=r"manifest\.json: values as .* expected") as refused:
+        open_dataset(tmp_path)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("halved", [False, True])
+def test_a_record_comes_back(dataset, halved):
+    record = CellRecord("a" * 64, "b" * 64, None if halved else dataset.manifest.cells[0])
+    assert record_from_json(record_to_json(record)) == record
+
+
+@pytest.mark.parametrize("change", ["cut", "edited", "signed again but not a cell", "of the version before"])
+def test_a_damaged_record_is_refused(dataset, change):
+    data = record_to_json(CellRecord("a" * 64, "b" * 64, dataset.manifest.cells[0]))
+    if change == "cut":
+        data = data[:-7]
+    elif change == "edited":
+        data = data.replace(b'"street":"', b'"street":"other ', 1)
+    elif change == "of the version before":
+        data = json.dumps({"inputs": "a" * 64, "content": "b" * 64, "entry": {"files": {}}, "halves": True}).encode()
+    else:
+        data = record_to_json(CellRecord("short", "b" * 64, None))
+    with pytest.raises(DatasetError, match="a record: "):
+        record_from_json(data)
+
+
+def test_every_edited_record_is_noticed_and_its_cell_made_again(tmp_path):
+    """A record has a checksum of its own: a number changed by hand does not get into the manifest."""
+    out = tmp_path / "out"
+    build_dataset(crossroads(), out, PARAMETERS, max_cells=1)
+    before = (out / "manifest.json").read_bytes()
+    (record,) = (out / "cells").glob("*.json")
+    record.write_bytes(record.read_bytes().replace(b'"displacement_px":', b'"displacement_px":9', 1))
+    assert build_dataset(crossroads(), out, PARAMETERS, max_cells=1).built == 1
+    assert (out / "manifest.json").read_bytes() == before
