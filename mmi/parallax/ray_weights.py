@@ -172,10 +172,13 @@ def _along_wall(
     """Largest square of the chord between two points of a wall, ``height`` above the reference, that fall into one texel.
 
     At both ends, and in the middle. A wall that is less than a texel wide counts as one of a row of houses: with as much of
-    its line on both sides as falls into the texel, up to ``_ROW`` metres in all.
+    its line on both sides as falls into the texel, up to ``_ROW`` metres in all. A wall without length lies on no line and
+    adds nothing.
     """
     ex, ey = b[0] - a[0], b[1] - a[1]
     length = math.hypot(ex, ey)
+    if math.isinf(_ROW / length):
+        return 0.0
     turn = math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])
     pieces = np.empty((3, 2))
     count = 1

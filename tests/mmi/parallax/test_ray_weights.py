@@ -361,6 +361,23 @@ class TestEdgeOn:
         assert parallax(city, cell, texel=1.0 / 443.0)[0] > 0.5 * exact
 
 
+class TestWallsWithoutLength:
+    def test_they_add_nothing(self):
+        """Corners that differ by rounding alone are one as seen from a reference that is far from the origin."""
+        corner = np.nextafter(80.0, 81.0)
+        once = [(60.0, 40.0), (80.0, 40.0), (80.0, 60.0), (60.0, 60.0)]
+        twice = [(60.0, 40.0), (80.0, 40.0), (80.0, 60.0), (corner, 60.0), (corner, 60.0 + 1e-14), (60.0, 60.0)]
+        cell = ViewingCell("0000-00", (-1020.0, 0.0), (-980.0, 0.0), 3.0, (1.5, 1.9))
+        values = []
+        for ring in (once, twice):
+            city = city_of(CityObject("house", (Prism(shapely.Polygon(ring), 0.0, 12.0),)))
+            walls = walls_of(city)
+            lengths = np.hypot(*((walls.b - cell.reference[:2]) - (walls.a - cell.reference[:2])).T)
+            assert (lengths > 0.0).all() == (ring is once)
+            values.append(parallax(city, cell, texel=1.0 / 443.0)[0])
+        assert values[1] == pytest.approx(values[0], rel=1e-9)
+
+
 class TestDownwards:
     """Looking down, the steepest of the rays that meet both go down."""
 
