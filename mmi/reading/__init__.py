@@ -1,5 +1,5 @@
-"""Whatever a user has, turned into a city: one function, ``read_city.read_city``, and a report of what was mended.
+"""Files of many kinds become a city: one function, ``read_city.read_city``, and a report of what was mended.
 
-``maps`` reads footprints and streets, ``models`` reads 3D models, ``ground`` finds the terrain; ``frame`` brings coordinates
-to a local metric frame, ``raw_layers`` has the values in between, ``report`` counts what was kept, mended and left out.
+``maps`` reads footprints and streets, ``models`` reads 3D models, ``ground`` finds the terrain. ``coordinates`` brings all
+of it to a local metric frame, ``raw_layers`` has the values in between, ``report`` counts what was kept, mended and left out.
 """

@@ -1,9 +1,9 @@
 """Cities in: maps, GIS files and 3D models become a :class:`mmi.city.model.City`, with a report of what was done to them.
 
 ``read_city`` tells the way from file to city top to bottom: read (``osm``, ``footprints``), agree on a CRS and a local frame
-(``frame``), mend and raise the buildings (``repair``, ``heights``, ``buildings``), set them on their ground (``ground``), knit
-the streets (``streets``), and account for everything (``report``). 3D models (``cityjson``, ``citygml``, ``meshes``) have
-meshes instead of outlines, and a way of their own (``model_city``).
+(``coordinates``), mend and raise the buildings (``repair``, ``heights``, ``buildings``), set them on their ground
+(``ground``), knit the streets (``streets``), and account for everything (``report``). 3D models (``cityjson``, ``citygml``,
+``mesh_files``) have meshes instead of outlines, and a way of their own (``model_city``).
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from pyproj import CRS
 
 from mmi.city.model import City
 from mmi.foundation.errors import CityError, ParameterError
-from mmi.reading.frame import (
+from mmi.reading.coordinates import (
     Box,
     agree_on_crs,
-    box_to_frame,
+    box_to_local_frame,
     check_not_swapped,
-    choose_frame,
+    choose_local_frame,
     coordinate_bounds,
     lonlat_bounds,
     meets_box,
     parse_crs,
-    to_frame,
+    to_local_frame,
     within_clip,
 )
 from mmi.reading.ground.ground import ground_of_file, raised
@@ -138,11 +138,13 @@ def read_city(
     if clip is not None:
         buildings, lines = _clip_layers(buildings, lines, building_crs, street_crs, clip, ledger)
     bounds = coordinate_bounds([item.geometry for item in buildings.items])
-    frame = choose_frame(buildings.file, bounds, building_crs, lonlat_bounds(buildings.file, bounds, building_crs))
+    frame = choose_local_frame(
+        buildings.file, bounds, building_crs, lonlat_bounds(buildings.file, bounds, building_crs)
+    )
     if frame.why and not building_crs.is_geographic:
         ledger.warn(f"{buildings.file}: {frame.why}")
 
-    shapes = to_frame([item.geometry for item in buildings.items], building_crs, frame)
+    shapes = to_local_frame([item.geometry for item in buildings.items], building_crs, frame)
     solids = objects_from_outlines(buildings, shapes, ledger, ground=_GROUND)
     relief = None if terrain is None else ground_of_file(terrain, frame, coordinate_bounds(list(shapes)), ledger)
     if relief is not None:
@@ -159,7 +161,7 @@ def read_city(
         ledger,
         network=network,
         ground=_GROUND if relief is None else relief,
-        window=None if clip is None else box_to_frame(clip, frame),
+        window=None if clip is None else box_to_local_frame(clip, frame),
     )
     city = City(solids, graph, frame.crs, frame.origin, path.name, _GROUND, relief)
     return city, _accounted(city, ledger)

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from mmi.city.model import CityObject, Prism, TriangleMesh
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError
-from mmi.reading.frame import Box, Frame, points_to_frame
+from mmi.reading.coordinates import Box, LocalFrame, points_to_local_frame
 from mmi.reading.ground.relief import choose_spacing, read_relief_points, terrain_from_points, terrain_from_triangles
 from mmi.reading.report import Ledger
 
@@ -34,7 +34,7 @@ _DEEPEST = 6.0
 """Metres that a building is let down to the ground at most; what stands higher hangs in the air on purpose."""
 
 
-def ground_of_file(path: Path, frame: Frame, bounds: Box, ledger: Ledger) -> Terrain:
+def ground_of_file(path: Path, frame: LocalFrame, bounds: Box, ledger: Ledger) -> Terrain:
     """Ground from a raster, or points or contour lines with heights.
 
     Raises:
@@ -46,7 +46,7 @@ def ground_of_file(path: Path, frame: Frame, bounds: Box, ledger: Ledger) -> Ter
     elif crs is None:
         crs = pyproj.CRS.from_user_input(frame.crs)
         ledger.warn(f"{path.name}: declares no CRS, taken as the city's {frame.crs}")
-    moved = points_to_frame(points, crs, frame)
+    moved = points_to_local_frame(points, crs, frame)
     x0, y0, x1, y1 = bounds
     inside = (moved[:, 0] > x0) & (moved[:, 0] < x1) & (moved[:, 1] > y0) & (moved[:, 1] < y1)
     if np.count_nonzero(inside) < 3:

@@ -20,7 +20,7 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError
-from mmi.reading.frame import declared_crs
+from mmi.reading.coordinates import declared_crs
 from mmi.reading.report import Ledger
 
 __all__ = ["choose_spacing", "read_relief_points", "terrain_from_points", "terrain_from_triangles"]

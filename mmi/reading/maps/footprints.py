@@ -25,7 +25,7 @@ from shapely.geometry import LineString
 from shapely.geometry.base import BaseGeometry
 
 from mmi.foundation.errors import CityError
-from mmi.reading.frame import declared_crs
+from mmi.reading.coordinates import declared_crs
 from mmi.reading.raw_layers import BuildingLayer, RawBuilding, RawStreet, StreetLayer, with_unique_ids
 from mmi.reading.report import Ledger
 

@@ -23,7 +23,7 @@ from shapely.geometry.base import BaseGeometry
 from mmi.city.model import CityObject
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError
-from mmi.reading.frame import Frame, to_frame
+from mmi.reading.coordinates import LocalFrame, to_local_frame
 from mmi.reading.maps.heights import parse_metres
 from mmi.reading.raw_layers import RawStreet, StreetLayer, is_yes
 from mmi.reading.report import Ledger
@@ -116,9 +116,9 @@ class _Piece:
     line: LineString
 
 
-def moved_lines(layer: StreetLayer, crs: pyproj.CRS | None, frame: Frame) -> list[list[LineString]]:
+def moved_lines(layer: StreetLayer, crs: pyproj.CRS | None, frame: LocalFrame) -> list[list[LineString]]:
     """The lines of each street of ``layer`` from ``crs`` (None: the frame's own units) into ``frame``."""
-    flat = to_frame([line for item in layer.items for line in item.lines], crs, frame)
+    flat = to_local_frame([line for item in layer.items for line in item.lines], crs, frame)
     ends = np.cumsum([len(item.lines) for item in layer.items])
     return [list(own) for own in np.split(flat, ends[:-1])]
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from pyproj.exceptions import ProjError
 
 from mmi.foundation.errors import CityError
-from mmi.reading.frame import named_crs
+from mmi.reading.coordinates import named_crs
 from mmi.reading.models.faces import Color, Faces
 from mmi.reading.models.pictures import PictureShelf, contained_path
 from mmi.reading.raw_layers import ModelLayer, RawModel

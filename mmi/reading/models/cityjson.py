@@ -24,7 +24,7 @@ from shapely.geometry import LineString
 
 from mmi.city.model import TriangleMesh
 from mmi.foundation.errors import CityError
-from mmi.reading.frame import named_crs
+from mmi.reading.coordinates import named_crs
 from mmi.reading.models.faces import Color, Faces
 from mmi.reading.models.pictures import PictureShelf, contained_path
 from mmi.reading.raw_layers import ModelLayer, RawModel, RawStreet

@@ -1,5 +1,5 @@
-"""3D city models in: from a :class:`mmi.reading.raw_layers.ModelLayer` to objects, streets and ground in one frame, step by
-step.
+"""3D city models in: from a :class:`mmi.reading.raw_layers.ModelLayer` to objects, streets and ground in one local frame,
+step by step.
 
 Models differ from footprints in what they leave open. They may have no CRS: then their units are metres of a frame of their
 own, ``"local"``. They may have no streets: then viewing cells follow the skeleton of the open space between the buildings.
@@ -21,16 +21,16 @@ from shapely.geometry import Polygon
 from mmi.city.model import City, CityObject
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError, ParameterError
-from mmi.reading.frame import (
+from mmi.reading.coordinates import (
     Box,
-    Frame,
+    LocalFrame,
     agree_on_crs,
-    box_to_frame,
-    choose_frame,
+    box_to_local_frame,
+    choose_local_frame,
     coordinate_bounds,
     lonlat_bounds,
     meets_box,
-    points_to_frame,
+    points_to_local_frame,
     within_clip,
 )
 from mmi.reading.ground.ground import ground_of_buildings, ground_of_file, ground_of_model, settled
@@ -45,7 +45,7 @@ from mmi.reading.report import Ledger
 
 __all__ = ["city_of_model", "is_model", "read_model"]
 
-_LOCAL = Frame("local", (0.0, 0.0, 0.0), "")
+_LOCAL = LocalFrame("local", (0.0, 0.0, 0.0), "")
 
 
 def is_model(path: Path) -> bool:
@@ -89,12 +89,12 @@ def city_of_model(
     building_crs, street_crs = _agreed(layer, lines, override)
     if clip is not None:
         layer = _clipped(layer, building_crs, clip, ledger)
-    frame = _frame(layer, building_crs)
+    frame = _local_frame(layer, building_crs)
     if frame.why and building_crs is not None and not building_crs.is_geographic:
         ledger.warn(f"{layer.file}: {frame.why}")
 
     def move(points: NDArray[np.float64]) -> NDArray[np.float64]:
-        return points_to_frame(points, building_crs, frame)
+        return points_to_local_frame(points, building_crs, frame)
 
     objects = objects_from_models(layer, move, ledger)
     ground = _ground(layer, objects, move, frame, terrain, ledger)
@@ -119,7 +119,7 @@ def city_of_model(
         ledger,
         network=network,
         ground=ground,
-        window=None if clip is None else box_to_frame(clip, frame),
+        window=None if clip is None else box_to_local_frame(clip, frame),
     )
     flat_ground = 0.0 if isinstance(ground, Terrain) else ground
     rising = ground if isinstance(ground, Terrain) else None
@@ -142,14 +142,14 @@ def _no_degrees(lines: StreetLayer) -> bool:
     return lines.crs is not None and lines.crs.is_geographic and max(abs(one) for one in bounds) > 360.0
 
 
-def _frame(layer: ModelLayer, crs: CRS | None) -> Frame:
+def _local_frame(layer: ModelLayer, crs: CRS | None) -> LocalFrame:
     points = np.concatenate([item.mesh.vertices[:, :2] for item in layer.items])
     (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
     if crs is None:
         middle = np.floor(np.array([x0 + x1, y0 + y1]) / 20.0) * 10.0
         return replace(_LOCAL, origin=(float(middle[0]), float(middle[1]), 0.0))
     bounds = (float(x0), float(y0), float(x1), float(y1))
-    return choose_frame(layer.file, bounds, crs, lonlat_bounds(layer.file, bounds, crs))
+    return choose_local_frame(layer.file, bounds, crs, lonlat_bounds(layer.file, bounds, crs))
 
 
 def _boxes(layer: ModelLayer) -> list[Polygon]:
@@ -169,7 +169,7 @@ def _ground(
     layer: ModelLayer,
     objects: tuple[CityObject, ...],
     move: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    frame: Frame,
+    frame: LocalFrame,
     terrain: Path | None,
     ledger: Ledger,
 ) -> Terrain | float:

@@ -26,8 +26,9 @@ from mmi.reading.raw_layers import BuildingLayer, RawBuilding, RawModel, RawStre
 from mmi.reading.report import Ledger
 
 __all__ = [
-    "Box", "Frame", "agree_on_crs", "box_to_frame", "check_not_swapped", "choose_frame", "coordinate_bounds", "declared_crs",
-    "lonlat_bounds", "meets_box", "named_crs", "parse_crs", "points_to_frame", "to_frame", "within_clip",
+    "Box", "LocalFrame", "agree_on_crs", "box_to_local_frame", "check_not_swapped", "choose_local_frame", "coordinate_bounds",
+    "declared_crs", "lonlat_bounds", "meets_box", "named_crs", "parse_crs", "points_to_local_frame", "to_local_frame",
+    "within_clip",
 ]  # fmt: skip
 
 Box = tuple[float, float, float, float]
@@ -41,7 +42,7 @@ _OVERLAP_MARGIN_DEGREES = 0.003  # some 200-330 m
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class LocalFrame:
     """The city's frame: ``crs`` (``"EPSG:..."``) and the ``origin`` to subtract; ``why`` if it is not the file's own CRS."""
 
     crs: str
@@ -292,7 +293,7 @@ def _right_angles(
     return float((cosines[turning] < math.sin(math.radians(3))).mean()) if turning.any() else 0.0, int(turning.sum())
 
 
-def choose_frame(file: str, bounds: Box, crs: pyproj.CRS, place: Box) -> Frame:
+def choose_local_frame(file: str, bounds: Box, crs: pyproj.CRS, place: Box) -> LocalFrame:
     """The frame of a city (from ``file``) of ``bounds`` in ``crs``, which lie at ``place`` (degrees).
 
     The origin is the centre of ``bounds`` in the frame's CRS, down to whole 10 m; its height is 0.
@@ -316,7 +317,7 @@ def choose_frame(file: str, bounds: Box, crs: pyproj.CRS, place: Box) -> Frame:
         )
     centre = np.floor((low + high) / 20.0) * 10.0
     reason = "" if why is None else f"{_name(crs)} {why}: reprojected to {_name(target)}"
-    return Frame(f"EPSG:{target.to_epsg()}", (float(centre[0]), float(centre[1]), 0.0), reason)
+    return LocalFrame(f"EPSG:{target.to_epsg()}", (float(centre[0]), float(centre[1]), 0.0), reason)
 
 
 def _unsuitable(crs: pyproj.CRS, lon: float, lat: float) -> str | None:
@@ -349,28 +350,33 @@ def _unsuitable(crs: pyproj.CRS, lon: float, lat: float) -> str | None:
     return None
 
 
-def to_frame(geometries: Sequence[BaseGeometry], crs: pyproj.CRS | None, frame: Frame) -> NDArray[np.object_]:
+def to_local_frame(
+    geometries: Sequence[BaseGeometry], crs: pyproj.CRS | None, frame: LocalFrame
+) -> NDArray[np.object_]:
     """Geometries from ``crs`` (None: the frame's own units) into ``frame``, flat, rounded to 1 mm so that bytes are stable."""
     flat = shapely.force_2d(np.asarray(geometries, dtype=object))
     return np.asarray(
-        shapely.transform(flat, lambda points: np.round(_plan_to_frame(points, crs, frame), 3) + 0.0), dtype=object
+        shapely.transform(flat, lambda points: np.round(_plan_to_local_frame(points, crs, frame), 3) + 0.0),
+        dtype=object,
     )
 
 
-def points_to_frame(points: NDArray[np.float64], crs: pyproj.CRS | None, frame: Frame) -> NDArray[np.float64]:
+def points_to_local_frame(
+    points: NDArray[np.float64], crs: pyproj.CRS | None, frame: LocalFrame
+) -> NDArray[np.float64]:
     """Points (n, 3) from ``crs`` (None: the frame's own units) into ``frame``; heights less the origin's."""
-    return np.column_stack([_plan_to_frame(points[:, :2], crs, frame), points[:, 2] - frame.origin[2]])
+    return np.column_stack([_plan_to_local_frame(points[:, :2], crs, frame), points[:, 2] - frame.origin[2]])
 
 
-def _plan_to_frame(points: NDArray[np.float64], crs: pyproj.CRS | None, frame: Frame) -> NDArray[np.float64]:
+def _plan_to_local_frame(points: NDArray[np.float64], crs: pyproj.CRS | None, frame: LocalFrame) -> NDArray[np.float64]:
     plan = points if crs is None else _transform(crs, pyproj.CRS.from_user_input(frame.crs), points)
     return plan - np.array(frame.origin[:2])
 
 
-def box_to_frame(box: Box, frame: Frame) -> Polygon:
+def box_to_local_frame(box: Box, frame: LocalFrame) -> Polygon:
     """A box of degrees as a polygon of the frame, its sides bent with the projection."""
     outline = shapely.segmentize(shapely.box(*box), max(box[2] - box[0], box[3] - box[1]) / 32)
-    return to_frame([outline], _WGS84, frame)[0]
+    return to_local_frame([outline], _WGS84, frame)[0]
 
 
 def meets_box(geometries: Sequence[BaseGeometry], crs: pyproj.CRS, box: Box) -> NDArray[np.bool_]:
