@@ -15,6 +15,7 @@ from mmi.foundation.camera import Camera
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.processes import usable_cores
 from mmi.planning.parameters import LAYERINGS, VISIBILITIES, WEIGHTS, BuildParameters
+from mmi.programs.city_arguments import add_city_arguments, read_options
 from mmi.programs.command_line import (
     Parser,
     ProgressBar,
@@ -64,44 +65,8 @@ def _build_parser() -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     default = BuildParameters()
-    parser.add_argument(
-        "city",
-        type=path_option,
-        metavar="CITY",
-        help="OpenStreetMap .osm or .osm.pbf, footprints in a format that GDAL reads, or a 3D model: CityJSON, CityGML, glTF, "
-        "OBJ",
-    )
+    add_city_arguments(parser)
     parser.add_argument("-o", "--output", type=path_option, required=True, metavar="OUT", help="folder of the dataset")
-
-    city = parser.add_argument_group("the city")
-    city.add_argument("--streets", type=path_option, metavar="FILE", help="streets, where CITY holds only buildings")
-    city.add_argument(
-        "--terrain", type=path_option, metavar="FILE", help="heights of the ground: raster, points, contours"
-    )
-    city.add_argument(
-        "--lod", metavar="N", help="level of detail of a 3D model (default: the highest of each building)"
-    )
-    city.add_argument(
-        "--up", choices=("auto", "y", "z"), default="auto", help="axis of a mesh that points up (default: auto)"
-    )
-    city.add_argument(
-        "--crs", metavar="CRS", help="coordinate system, where a file declares none or a wrong one (EPSG:32632)"
-    )
-    city.add_argument(
-        "--network", choices=("drive", "walk", "all"), default="drive", help="which streets (default: drive)"
-    )
-    city.add_argument(
-        "--objects",
-        choices=("buildings", "blocks"),
-        default="buildings",
-        help="what layers are made of (default: buildings)",
-    )
-    city.add_argument("--clip", type=_box, metavar="W,S,E,N", help="only what lies in this box, degrees")
-    city.add_argument("--height-column", metavar="NAME", help="column of heights in metres (default: guessed)")
-    city.add_argument("--levels-column", metavar="NAME", help="column of numbers of storeys (default: guessed)")
-    city.add_argument("--id-column", metavar="NAME", help="column of object ids (default: guessed)")
-    city.add_argument("--buildings-layer", metavar="NAME", help="layer of CITY with the buildings (default: guessed)")
-    city.add_argument("--streets-layer", metavar="NAME", help="layer with the streets (default: guessed)")
 
     quality = parser.add_argument_group("the error, and the display that it refers to")
     quality.add_argument(
@@ -203,6 +168,7 @@ def _build_parser() -> Parser:
 def _build(options: argparse.Namespace) -> None:
     parameters = _parameters(options)
     cores = usable_cores()
+    reading = read_options(options)
     workers = options.workers if options.workers is not None else cores
     if not 1 <= workers <= max(_MOST_WORKERS, cores):
         raise ParameterError(f"--workers: 1 to {max(_MOST_WORKERS, cores)} processes expected, found {workers}")
@@ -216,22 +182,7 @@ def _build(options: argparse.Namespace) -> None:
     from mmi.reading.read_city import read_city
 
     talk = Console(stderr=options.json, quiet=options.quiet, highlight=False)
-    city, report = read_city(
-        options.city,
-        streets=options.streets,
-        crs=options.crs,
-        network=options.network,
-        objects=options.objects,
-        clip=options.clip,
-        height_column=options.height_column,
-        levels_column=options.levels_column,
-        id_column=options.id_column,
-        buildings_layer=options.buildings_layer,
-        streets_layer=options.streets_layer,
-        terrain=options.terrain,
-        lod=options.lod,
-        up=options.up,
-    )
+    city, report = read_city(options.city, reading)
     # Whoever mistypes an option gets one line, not a table before it.
     chosen = choose_cells(city, parameters, cells=options.cells, max_cells=options.max_cells)
     make_folder(options.output)
@@ -366,10 +317,6 @@ def _plain(summary: BuildSummary) -> dict[str, Any]:
 
 
 # ------------------------------------------------------------------------------------------------- option values
-
-
-def _box(text: str) -> tuple[float, ...]:
-    return tuple(numbers_option(text, 4, "west,south,east,north in degrees"))
 
 
 def _band(text: str) -> tuple[float, ...]:

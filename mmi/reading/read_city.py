@@ -8,8 +8,6 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -39,6 +37,7 @@ from mmi.reading.maps.streets import graph_from_lines, moved_lines
 from mmi.reading.maps.sumo import is_sumo, read_sumo
 from mmi.reading.models.model_city import city_of_model, is_model, read_model
 from mmi.reading.raw_layers import BuildingLayer, StreetLayer
+from mmi.reading.read_options import ReadOptions
 from mmi.reading.report import CityReport, Ledger, Tally
 
 __all__ = ["CityReport", "Tally", "read_city"]
@@ -46,97 +45,47 @@ __all__ = ["CityReport", "Tally", "read_city"]
 _GROUND = 0.0
 
 
-def read_city(
-    path: Path,
-    *,
-    streets: Path | None = None,
-    crs: str | None = None,
-    network: str = "drive",
-    objects: str = "buildings",
-    clip: tuple[float, float, float, float] | None = None,
-    height_column: str | None = None,
-    levels_column: str | None = None,
-    id_column: str | None = None,
-    buildings_layer: str | None = None,
-    streets_layer: str | None = None,
-    terrain: Path | None = None,
-    lod: str | None = None,
-    up: str = "auto",
-) -> tuple[City, CityReport]:
-    """Read the buildings and streets of ``path`` (streets from ``streets`` if given) into a local metric frame.
+def read_city(path: Path, options: ReadOptions | None = None) -> tuple[City, CityReport]:
+    """Read the buildings and streets of ``path`` into a local metric frame.
 
     Args:
         path: OpenStreetMap ``.osm`` or ``.osm.pbf``, a file that GDAL reads, a folder of those, or a 3D model: CityJSON
             (also a sequence), CityGML, glTF, OBJ, PLY, STL.
-        streets: a second file, a map or GIS file as above, or a SUMO network.
-        crs: replaces the CRS that a file declares or lacks (never OpenStreetMap's).
-        network: which streets: ``drive`` (cars), ``walk``, ``all``.
-        objects: ``buildings``, or ``blocks`` of touching buildings.
-        clip: west, south, east, north in degrees; buildings that meet the box stay whole, streets are cut at it.
-        height_column: column of heights in metres; like all names below guessed if None.
-        levels_column: column of numbers of levels.
-        id_column: column of ids that stay the same when the file changes.
-        buildings_layer: layer of buildings, or several with commas between.
-        streets_layer: layer of streets, or several with commas between.
-        terrain: a raster, points or contour lines with the heights of the ground; else flat, or what a model says.
-        lod: level of detail of a model's buildings (``"1"``, ``"2.2"``); else the highest of each.
-        up: the axis of a mesh that points up: ``y``, ``z`` or ``auto``.
+        options: further files, and what the reader shall not guess; None: ``ReadOptions()``.
 
     Returns:
         The city and the account of everything that was read.
 
     Raises:
         CityError: the files do not hold a usable city; one line says what was found, where, and what to do.
-        ParameterError: an option means nothing.
+        ParameterError: an option means nothing for what was found.
     """
-    _check_options(network, objects, clip, lod, up)
-    override = None if crs is None else parse_crs(crs)
-    for file in (path, streets, terrain):
+    options = ReadOptions() if options is None else options
+    override = None if options.crs is None else parse_crs(options.crs)
+    for file in (path, options.streets, options.terrain):
         if file is not None and not file.exists():
             raise CityError(f"{file}: no such file or folder")
     ledger = Ledger()
-    columns = {
-        "--buildings-layer": buildings_layer,
-        "--height-column": height_column,
-        "--levels-column": levels_column,
-        "--id-column": id_column,
-    }
     try:
         file = _the_file(path)
         if is_model(file):
-            _refuse_columns(path, "a 3D model", columns)
-            if objects == "blocks":
-                raise ParameterError(f"--objects: buildings expected, as {path} is a 3D model, found 'blocks'")
-            layer = read_model(file, ledger, lod=lod, up=up, crs=override)
-            own_metres = layer.crs is None and override is None
-            lines = (
-                None
-                if streets is None
-                else _read_streets(_the_file(streets), ledger, layer=streets_layer, local=own_metres)
-            )
-            city = city_of_model(
-                layer,
-                lines,
-                ledger,
-                source=path.name,
-                network=network,
-                override=override,
-                clip=clip,
-                terrain=terrain,
-            )
+            city = _read_model_city(path, file, options, override, ledger)
             return city, _accounted(city, ledger)
-        if lod is not None:
+        if options.lod is not None:
             raise ParameterError(f"--lod: a 3D model expected, found {path}")
-        buildings = _read_buildings(file, ledger, columns)
+        buildings = _read_buildings(file, ledger, options)
         lines = _read_streets(
-            file if streets is None else _the_file(streets), ledger, layer=streets_layer, buildings=buildings
+            file if options.streets is None else _the_file(options.streets),
+            ledger,
+            layer=options.streets_layer,
+            buildings=buildings,
         )
     except OSError as error:
         raise CityError(f"{error.filename or path}: cannot be read: {error.strerror or error}") from error
     building_crs, street_crs = agree_on_crs(buildings, lines, override)
     check_not_swapped(buildings.file, [item.geometry for item in buildings.items], building_crs)
-    if clip is not None:
-        buildings, lines = _clip_layers(buildings, lines, building_crs, street_crs, clip, ledger)
+    if options.clip is not None:
+        buildings, lines = _clip_layers(buildings, lines, building_crs, street_crs, options.clip, ledger)
     bounds = coordinate_bounds([item.geometry for item in buildings.items])
     frame = choose_local_frame(
         buildings.file, bounds, building_crs, lonlat_bounds(buildings.file, bounds, building_crs)
@@ -146,11 +95,15 @@ def read_city(
 
     shapes = to_local_frame([item.geometry for item in buildings.items], building_crs, frame)
     solids = objects_from_outlines(buildings, shapes, ledger, ground=_GROUND)
-    relief = None if terrain is None else ground_of_file(terrain, frame, coordinate_bounds(list(shapes)), ledger)
+    relief = (
+        None
+        if options.terrain is None
+        else ground_of_file(options.terrain, frame, coordinate_bounds(list(shapes)), ledger)
+    )
     if relief is not None:
         solids = raised(solids, relief)
     ledger.note("kept", "buildings", count=len(solids))
-    if objects == "blocks":
+    if options.objects == "blocks":
         solids = merge_blocks(solids, ledger)
         ledger.note("kept", "objects (blocks)", count=len(solids))
 
@@ -159,12 +112,34 @@ def read_city(
         moved_lines(lines, street_crs, frame),
         solids,
         ledger,
-        network=network,
+        network=options.network,
         ground=_GROUND if relief is None else relief,
-        window=None if clip is None else box_to_local_frame(clip, frame),
+        window=None if options.clip is None else box_to_local_frame(options.clip, frame),
     )
     city = City(solids, graph, frame.crs, frame.origin, path.name, _GROUND, relief)
     return city, _accounted(city, ledger)
+
+
+def _read_model_city(path: Path, file: Path, options: ReadOptions, override: CRS | None, ledger: Ledger) -> City:
+    """The city of a 3D model: ``file``, which is ``path`` or the only one in that folder."""
+    _refuse_columns(path, "a 3D model", options)
+    if options.objects == "blocks":
+        raise ParameterError(f"--objects: buildings expected, as {path} is a 3D model, found 'blocks'")
+    layer = read_model(file, ledger, lod=options.lod, up=options.up, crs=override)
+    lines: StreetLayer | None = None
+    if options.streets is not None:
+        own_metres = layer.crs is None and override is None
+        lines = _read_streets(_the_file(options.streets), ledger, layer=options.streets_layer, local=own_metres)
+    return city_of_model(
+        layer,
+        lines,
+        ledger,
+        source=path.name,
+        network=options.network,
+        override=override,
+        clip=options.clip,
+        terrain=options.terrain,
+    )
 
 
 def _accounted(city: City, ledger: Ledger) -> CityReport:
@@ -181,26 +156,11 @@ def _accounted(city: City, ledger: Ledger) -> CityReport:
     return ledger.report(source=city.source, crs=city.crs, origin=city.origin)
 
 
-def _refuse_columns(path: Path, what: str, columns: Mapping[str, str | None]) -> None:
+def _refuse_columns(path: Path, what: str, options: ReadOptions) -> None:
     """Options of layers and columns mean nothing where there are none."""
-    for option, value in columns.items():
+    for option, value in options.columns().items():
         if value is not None:
             raise ParameterError(f"{option}: {path} is {what}, which has neither layers nor columns; found {value!r}")
-
-
-def _check_options(network: str, objects: str, clip: Box | None, lod: str | None, up: str) -> None:
-    if network not in {"drive", "walk", "all"}:
-        raise ParameterError(f"--network: expected drive, walk or all, found {network!r}")
-    if objects not in {"buildings", "blocks"}:
-        raise ParameterError(f"--objects: expected buildings or blocks, found {objects!r}")
-    if lod is not None and not re.fullmatch(r"[0-4](\.[0-9])?", lod):
-        raise ParameterError(f"--lod: a level of detail such as 2 or 1.3 expected, found {lod!r}")
-    if up not in {"auto", "y", "z"}:
-        raise ParameterError(f"--up: expected auto, y or z, found {up!r}")
-    if clip is not None:
-        west, south, east, north = clip
-        if not (-180 <= west < east <= 180 and -90 <= south < north <= 90):
-            raise ParameterError(f"--clip: expected west < east and south < north in degrees, found {clip}")
 
 
 def _the_file(path: Path) -> Path:
@@ -216,19 +176,19 @@ def _the_file(path: Path) -> Path:
     return models[0] if len(models) == 1 else path
 
 
-def _read_buildings(file: Path, ledger: Ledger, columns: Mapping[str, str | None]) -> BuildingLayer:
+def _read_buildings(file: Path, ledger: Ledger, options: ReadOptions) -> BuildingLayer:
     """The buildings of ``file``, at least one."""
     if file.is_file() and is_osm(file):
-        _refuse_columns(file, "OpenStreetMap", columns)
+        _refuse_columns(file, "OpenStreetMap", options)
         found, _ = read_osm(file, ledger, buildings=True, streets=False)
     else:
         found = read_footprints(
             file,
             ledger,
-            layer=columns["--buildings-layer"],
-            height_column=columns["--height-column"],
-            levels_column=columns["--levels-column"],
-            id_column=columns["--id-column"],
+            layer=options.buildings_layer,
+            height_column=options.height_column,
+            levels_column=options.levels_column,
+            id_column=options.id_column,
         )
     if not found.items:
         lost = ledger.count("left out")

@@ -15,6 +15,7 @@ from shapely.geometry import LineString, box
 
 from mmi.foundation.errors import CityError
 from mmi.reading.read_city import read_city
+from mmi.reading.read_options import ReadOptions
 
 HOUSES = [box(x, y, x + 12, y + 8) for x in range(0, 120, 20) for y in range(0, 100, 20)]
 STREET = LineString([(-20, -5), (130, -5)])
@@ -57,7 +58,7 @@ def areas(city):
 )
 def test_degrees_go_to_utm(tmp_path, lon, lat, code):
     houses, streets = city_at(tmp_path / "c", lon, lat)
-    city, _ = read_city(houses, streets=streets)
+    city, _ = read_city(houses, ReadOptions(streets=streets))
     assert city.crs == code
     assert areas(city) == pytest.approx([96.0] * 30, rel=0.012)  # `degrees` is a sphere's
     assert max(abs(one) for one in city.bounds) < 200
@@ -65,7 +66,7 @@ def test_degrees_go_to_utm(tmp_path, lon, lat, code):
 
 def test_web_mercator_is_deflated(tmp_path):
     houses, streets = city_at(tmp_path / "c", 14.4, 50.1, to="EPSG:3857")
-    city, report = read_city(houses, streets=streets)
+    city, report = read_city(houses, ReadOptions(streets=streets))
     assert city.crs == "EPSG:32633"
     assert areas(city) == pytest.approx([96.0] * 30, rel=0.012)
     assert any("web-mercator" in text for text in report.warnings)
@@ -76,7 +77,7 @@ def test_web_mercator_is_deflated(tmp_path):
 )
 def test_national_grids_are_kept(tmp_path, lon, lat, code):
     houses, streets = city_at(tmp_path / "c", lon, lat, to=code)
-    city, report = read_city(houses, streets=streets)
+    city, report = read_city(houses, ReadOptions(streets=streets))
     assert city.crs == code
     assert areas(city) == pytest.approx([96.0] * 30, rel=0.012)
     assert not report.warnings
@@ -85,7 +86,7 @@ def test_national_grids_are_kept(tmp_path, lon, lat, code):
 def test_feet_and_far_zones_are_reprojected(tmp_path):
     for lon, lat, code, word in ((-74.0, 40.73, "EPSG:2263", "units"), (14.4, 50.1, "EPSG:32631", "outside its area")):
         houses, streets = city_at(tmp_path / "c", lon, lat, to=code)
-        city, report = read_city(houses, streets=streets)
+        city, report = read_city(houses, ReadOptions(streets=streets))
         assert city.crs in {"EPSG:32618", "EPSG:32633"}
         assert areas(city) == pytest.approx([96.0] * 30, rel=0.012)
         assert any(word in text for text in report.warnings)
@@ -95,7 +96,7 @@ def test_feet_and_far_zones_are_reprojected(tmp_path):
 @given(st.floats(-179, 179), st.floats(-55, 75))
 def test_true_metres_everywhere(tmp_path_factory, lon, lat):
     houses, streets = city_at(tmp_path_factory.mktemp("c") / "c", lon, lat)
-    city, _ = read_city(houses, streets=streets)
+    city, _ = read_city(houses, ReadOptions(streets=streets))
     assert areas(city) == pytest.approx([96.0] * 30, rel=0.015)
     back = pyproj.Transformer.from_crs(city.crs, 4326, always_xy=True)
     x, y = city.objects[0].footprint.centroid.coords[0]
@@ -109,7 +110,7 @@ def test_true_metres_everywhere(tmp_path_factory, lon, lat):
 def test_swapped_axes_are_refused(tmp_path, lon, lat):
     houses, streets = city_at(tmp_path / "c", lon, lat, swap=True)
     with pytest.raises(CityError, match="swapped") as caught:
-        read_city(houses, streets=streets)
+        read_city(houses, ReadOptions(streets=streets))
     assert "\n" not in str(caught.value)
 
 
@@ -117,7 +118,7 @@ def test_only_the_streets_swapped(tmp_path):
     houses, _ = city_at(tmp_path / "a", 2.35, 48.86)
     _, streets = city_at(tmp_path / "b", 2.35, 48.86, swap=True)
     with pytest.raises(CityError, match=r"lie apart: latitude and longitude look swapped in .*streets.geojson"):
-        read_city(houses, streets=streets)
+        read_city(houses, ReadOptions(streets=streets))
 
 
 def test_metres_without_a_crs_need_one(tmp_path):
@@ -126,8 +127,8 @@ def test_metres_without_a_crs_need_one(tmp_path):
     for file in (houses, streets):
         file.write_text(file.read_text().replace('"crs"', '"no_crs"'))
     with pytest.raises(CityError, match="--crs"):
-        read_city(houses, streets=streets)
-    city, _ = read_city(houses, streets=streets, crs="EPSG:32631")
+        read_city(houses, ReadOptions(streets=streets))
+    city, _ = read_city(houses, ReadOptions(streets=streets, crs="EPSG:32631"))
     assert city.crs == "EPSG:32631"
     assert areas(city) == pytest.approx([96.0] * 30, rel=0.012)
 
@@ -135,8 +136,8 @@ def test_metres_without_a_crs_need_one(tmp_path):
 def test_degrees_declared_as_metres_are_refused(tmp_path):
     houses, streets = city_at(tmp_path / "c", 2.35, 48.86, declare="EPSG:32631")
     with pytest.raises(CityError, match="look like degrees but are declared as EPSG:32631"):
-        read_city(houses, streets=streets)
-    city, _ = read_city(houses, streets=streets, crs="EPSG:4326")
+        read_city(houses, ReadOptions(streets=streets))
+    city, _ = read_city(houses, ReadOptions(streets=streets, crs="EPSG:4326"))
     assert areas(city) == pytest.approx([96.0] * 30, rel=0.012)
 
 
@@ -144,8 +145,8 @@ def test_a_wrong_crs_of_one_file_is_replaced_by_the_option(tmp_path):
     houses, _ = city_at(tmp_path / "a", 2.35, 48.86, to="EPSG:32631", declare="EPSG:32633")
     _, streets = city_at(tmp_path / "b", 2.35, 48.86)
     with pytest.raises(CityError, match="lie apart"):
-        read_city(houses, streets=streets)
-    city, _ = read_city(houses, streets=streets, crs="EPSG:32631")
+        read_city(houses, ReadOptions(streets=streets))
+    city, _ = read_city(houses, ReadOptions(streets=streets, crs="EPSG:32631"))
     assert city.streets.number_of_edges() == 1
     assert areas(city) == pytest.approx([96.0] * 30, rel=0.012)
 
@@ -153,7 +154,7 @@ def test_a_wrong_crs_of_one_file_is_replaced_by_the_option(tmp_path):
 def test_a_crs_that_puts_the_city_elsewhere_is_refused(tmp_path):
     houses, streets = city_at(tmp_path / "c", 8.5, 47.17, to="EPSG:32632")
     with pytest.raises(CityError, match="far outside the area of EPSG:2263"):
-        read_city(houses, streets=streets, crs="EPSG:2263")
+        read_city(houses, ReadOptions(streets=streets, crs="EPSG:2263"))
 
 
 def test_a_stray_building_far_away_is_explained(tmp_path):
@@ -161,8 +162,8 @@ def test_a_stray_building_far_away_is_explained(tmp_path):
     houses = geojson(tmp_path / "h.geojson", features)
     streets = geojson(tmp_path / "s.geojson", [(degrees(STREET), {})])
     with pytest.raises(CityError, match=r"spread over .* km.*--clip"):
-        read_city(houses, streets=streets)
-    city, report = read_city(houses, streets=streets, clip=(8.9, 47.9, 9.1, 48.1))
+        read_city(houses, ReadOptions(streets=streets))
+    city, report = read_city(houses, ReadOptions(streets=streets, clip=(8.9, 47.9, 9.1, 48.1)))
     assert len(city.objects) == 30
     assert any("outside --clip" in one.what for one in report.left_out)
 
@@ -178,7 +179,7 @@ def test_moving_the_city_changes_nothing_but_the_origin(tmp_path):
 
         houses = geojson(folder / "h.geojson", [(move(one), {"height": 6}) for one in HOUSES], crs="EPSG:32632")
         streets = geojson(folder / "s.geojson", [(move(STREET), {})], crs="EPSG:32632")
-        cities.append(read_city(houses, streets=streets)[0])
+        cities.append(read_city(houses, ReadOptions(streets=streets))[0])
     one, other = cities
     assert np.subtract(other.origin, one.origin).tolist() == [730.0, 730.0, 0.0]
     assert [a.footprint.wkb for a in one.objects] == [b.footprint.wkb for b in other.objects]

@@ -11,6 +11,7 @@ import shapely
 
 from mmi.foundation.errors import CityError
 from mmi.reading.read_city import read_city
+from mmi.reading.read_options import ReadOptions
 
 ROOT = Path(__file__).resolve().parents[3]
 DATA = ROOT.parent / "shared" / "data"
@@ -43,7 +44,7 @@ def read(name, **options):
     path, streets, own = CITIES[name]
     if not path.exists():
         pytest.skip(f"{path.name} is not here: it comes with ../shared/data")
-    return read_city(path, streets=streets, **(own | options))
+    return read_city(path, ReadOptions(streets=streets, **(own | options)))
 
 
 def tally(report, section, start=""):
@@ -139,7 +140,7 @@ def test_our_rings_agree_with_osmiums_areas():
         pytest.skip("../shared/data is not here")
     ours, _ = read("paris")
     folder = path.parent
-    theirs, _ = read_city(folder / "derived_buildings.geojson", streets=folder / "derived_streets.geojson")
+    theirs, _ = read_city(folder / "derived_buildings.geojson", ReadOptions(streets=folder / "derived_streets.geojson"))
     shift = np.subtract(theirs.origin[:2], ours.origin[:2])
     other = {one.id: shapely.transform(one.footprint, lambda xy: xy + shift) for one in theirs.objects}
     assert len(other) == len(ours.objects)

@@ -11,6 +11,7 @@ from shapely.geometry import GeometryCollection, LineString, MultiLineString, Mu
 
 from mmi.foundation.errors import CityError, ParameterError
 from mmi.reading.read_city import read_city
+from mmi.reading.read_options import ReadOptions
 
 UTM = "EPSG:32632"
 AT = (500_000.0, 5_300_000.0)
@@ -60,7 +61,7 @@ def list_to_array(values):
 
 def test_a_projected_crs_is_kept_and_ids_counted(tmp_path, street):
     path = houses(tmp_path / "h.geojson", HOUSE, (box(20, 10, 30, 20), {"height": 4}))
-    city, report = read_city(path, streets=street)
+    city, report = read_city(path, ReadOptions(streets=street))
     assert city.crs == UTM
     assert [one.id for one in city.objects] == ["feature/0", "feature/1"]
     assert [one.top for one in city.objects] == [9.0, 4.0]
@@ -83,7 +84,7 @@ def test_a_projected_crs_is_kept_and_ids_counted(tmp_path, street):
     ],
 )
 def test_columns_are_guessed(tmp_path, street, column, value, top):
-    city, report = read_city(houses(tmp_path / "h.geojson", (HOUSE[0], {column: value})), streets=street)
+    city, report = read_city(houses(tmp_path / "h.geojson", (HOUSE[0], {column: value})), ReadOptions(streets=street))
     assert city.objects[0].top == pytest.approx(top)
     assert column in report.inferred[0].what
 
@@ -94,13 +95,15 @@ def test_columns_can_be_named(tmp_path, street):
         (box(20, 10, 30, 20), {"height": 8, "key": "a"}),
     ]
     path = houses(tmp_path / "h.geojson", *features)
-    city, report = read_city(path, streets=street, height_column="eaves", levels_column="n", id_column="key")
+    city, report = read_city(
+        path, ReadOptions(streets=street, height_column="eaves", levels_column="n", id_column="key")
+    )
     assert [one.id for one in city.objects] == ["a", "a#2"]
     assert [one.top for one in city.objects] == [5.0, 5.0]
     assert tally(report, "repaired", "repeated id made unique") == 1
     assert tally(report, "inferred", "height from the median of 8 neighbours") == 1
     with pytest.raises(CityError, match=r"--height-column 'hight': no such column; found height, eaves, n, key"):
-        read_city(path, streets=street, height_column="hight")
+        read_city(path, ReadOptions(streets=street, height_column="hight"))
 
 
 def test_unique_id_columns_are_used(tmp_path, street):
@@ -109,7 +112,7 @@ def test_unique_id_columns_are_used(tmp_path, street):
         (HOUSE[0], {"osm_id": 12.0, "height": 3}),
         (box(20, 9, 30, 20), {"osm_id": 7, "height": 3}),
     )
-    assert [one.id for one in read_city(path, streets=street)[0].objects] == ["12", "7"]
+    assert [one.id for one in read_city(path, ReadOptions(streets=street))[0].objects] == ["12", "7"]
 
 
 def test_two_layers_of_one_file(tmp_path):
@@ -124,9 +127,9 @@ def test_two_layers_of_one_file(tmp_path):
     ((_, _, edge),) = city.streets.edges(data=True)
     assert edge["kind"] == "tertiary"
     with pytest.raises(CityError, match="--buildings-layer 'houses': no such layer; found plots, buildings, roads"):
-        read_city(path, buildings_layer="houses")
+        read_city(path, ReadOptions(buildings_layer="houses"))
     with pytest.raises(CityError, match="none of 1 buildings has a height"):
-        read_city(path, buildings_layer="plots")
+        read_city(path, ReadOptions(buildings_layer="plots"))
 
 
 def test_several_possible_layers_are_refused_by_name(tmp_path):
@@ -138,7 +141,7 @@ def test_several_possible_layers_are_refused_by_name(tmp_path):
         CityError, match=r"several layers could be building polygons \(zone, around\): choose with --buildings-layer"
     ):
         read_city(path)
-    city, _ = read_city(path, buildings_layer="zone, around")
+    city, _ = read_city(path, ReadOptions(buildings_layer="zone, around"))
     assert [one.id for one in city.objects] == ["zone/feature/0", "around/feature/0"]
 
 
@@ -166,7 +169,7 @@ def test_odd_geometries(tmp_path, street):
     solid = Polygon([(50, 10, 3), (60, 10, 3), (60, 20, 4)])
     features = [two, deep, solid, None, Polygon(), LineString([(0, 9), (9, 9)])]
     path = houses(tmp_path / "h.geojson", *[(one, {"height": 5}) for one in features])
-    city, report = read_city(path, streets=street)
+    city, report = read_city(path, ReadOptions(streets=street))
     assert [(one.id, len(one.prisms)) for one in city.objects] == [("feature/0", 2), ("feature/1", 1), ("feature/2", 1)]
     assert not city.objects[2].footprint.has_z
     assert tally(report, "left out", "building: no geometry") == 2
@@ -176,14 +179,14 @@ def test_curves_are_flattened(tmp_path, street):
     path = tmp_path / "curves.csv"
     circle = "500000 5300020, 500010 5300030, 500020 5300020, 500010 5300010, 500000 5300020"
     path.write_text(f'WKT,height\n"CURVEPOLYGON(CIRCULARSTRING({circle}))",9\n')
-    city, _ = read_city(path, streets=street, crs=UTM)
+    city, _ = read_city(path, ReadOptions(streets=street, crs=UTM))
     assert city.objects[0].footprint.area == pytest.approx(314.16, rel=0.01)
 
 
 def test_building_parts_in_columns(tmp_path, street):
     tower = (box(0, 10, 5, 20), {"building_part": "yes", "height": 30})
     city, report = read_city(
-        houses(tmp_path / "h.geojson", (HOUSE[0], {"building": "yes", "height": 9}), tower), streets=street
+        houses(tmp_path / "h.geojson", (HOUSE[0], {"building": "yes", "height": 9}), tower), ReadOptions(streets=street)
     )
     assert sorted(prism.top for prism in city.objects[0].prisms) == [9.0, 30.0]
     assert tally(report, "read", "building parts") == 1
@@ -193,7 +196,7 @@ def network(tmp_path, *features):
     house = houses(
         tmp_path / "h.geojson", (box(-300, -310, -290, -300), {"height": 9}), (box(300, 300, 310, 310), {"height": 9})
     )
-    return read_city(house, streets=houses(tmp_path / "lines.geojson", *features))
+    return read_city(house, ReadOptions(streets=houses(tmp_path / "lines.geojson", *features)))
 
 
 def lengths(city):
@@ -237,7 +240,7 @@ def test_streets_of_another_format(tmp_path):
     osm = OsmFile()
     osm.way(1, [(-20.0, -10.0), (20.0, -10.0)], highway="residential")
     path = geojson(tmp_path / "h.geojson", [(degrees(box(0, 0, 20, 10)), {"levels": 2})])
-    city, _ = read_city(path, streets=osm.write(tmp_path / "s.osm"))
+    city, _ = read_city(path, ReadOptions(streets=osm.write(tmp_path / "s.osm")))
     assert city.crs == UTM
     assert lengths(city) == pytest.approx([40], rel=0.01)
 
@@ -264,15 +267,15 @@ def test_missing_streets_and_unreadable_files_are_refused_in_one_line(tmp_path, 
         "half.shp",
     ):
         with pytest.raises(CityError) as caught:
-            read_city(tmp_path / name, streets=street)
+            read_city(tmp_path / name, ReadOptions(streets=street))
         assert "\n" not in str(caught.value)
         assert name in str(caught.value)
     with pytest.raises(CityError, match=r"cityjson\.json: "):
-        read_city(tmp_path / "cityjson.json", streets=street)
+        read_city(tmp_path / "cityjson.json", ReadOptions(streets=street))
     with pytest.raises(CityError, match=r"no streets.*--streets FILE"):
         read_city(path)
     with pytest.raises(CityError, match="no such file"):
-        read_city(path, streets=tmp_path / "nowhere.geojson")
+        read_city(path, ReadOptions(streets=tmp_path / "nowhere.geojson"))
 
 
 @pytest.mark.parametrize(
@@ -290,7 +293,7 @@ def test_missing_streets_and_unreadable_files_are_refused_in_one_line(tmp_path, 
 )
 def test_nonsense_options(tmp_path, street, options):
     with pytest.raises(ParameterError) as caught:
-        read_city(houses(tmp_path / "h.geojson", HOUSE), streets=street, **options)
+        read_city(houses(tmp_path / "h.geojson", HOUSE), ReadOptions(streets=street, **options))
     assert "\n" not in str(caught.value)
 
 
@@ -298,14 +301,14 @@ def test_columns_mean_nothing_for_openstreetmap(tmp_path):
     osm = OsmFile()
     osm.box(1, 0, 0, 9, 9, building="yes", height="3")
     with pytest.raises(ParameterError, match="--height-column"):
-        read_city(osm.write(tmp_path / "a.osm"), height_column="height")
+        read_city(osm.write(tmp_path / "a.osm"), ReadOptions(height_column="height"))
 
 
 def test_what_the_libraries_throw_does_not_leak(tmp_path, street):
     path = gpkg(tmp_path / "h.shp", h=("Polygon", [at(HOUSE[0])], {"height": [9]}))
     path.with_suffix(".prj").write_bytes(b'PROJCS["\xa9\xf0\xe4')
     with pytest.raises(CityError, match=r"h\.shp"):
-        read_city(path, streets=street)
+        read_city(path, ReadOptions(streets=street))
     osm = OsmFile()
     osm.box(1, 0, 0, 9, 9, building="yes", height="3")
     text = osm.write(tmp_path / "a.osm").read_text()

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from mmi.foundation.errors import CityError
 from mmi.reading.maps.osm import join_rings
 from mmi.reading.read_city import read_city
+from mmi.reading.read_options import ReadOptions
 
 STREET = [(-50.0, -10.0), (0.0, -10.0), (50.0, -10.0)]
 
@@ -168,7 +169,7 @@ def kinds(city):
 
 def test_networks_and_junctions(tmp_path):
     path = crossroads().write(tmp_path / "a.osm")
-    drive, report = read_city(path, network="drive")
+    drive, report = read_city(path, ReadOptions(network="drive"))
     assert kinds(drive) == ["motorway", "primary", "primary", "residential", "residential", "secondary"]
     assert max(dict(drive.streets.degree()).values()) == 4
     assert tally(report, "left out", "street: tunnel") == 1
@@ -177,19 +178,19 @@ def test_networks_and_junctions(tmp_path):
     assert tally(report, "left out", "street: not a street (construction, platform, elevator, ...)") == 1
     assert tally(report, "left out", "street: not for --network drive") == 2
     assert tally(report, "noted", "bridge kept on the ground") == 1
-    walk, report = read_city(path, network="walk")
+    walk, report = read_city(path, ReadOptions(network="walk"))
     # The footway runs into the building and is cut there: from the crossing to its corner, and a bit behind.
     assert kinds(walk) == ["footway", "footway", "primary", "primary", "residential", "residential", "secondary"]
     (cut,) = [one for one in report.repaired if one.what == "street cut where it runs through buildings"]
     assert cut.metres == pytest.approx(20 * 2**0.5, rel=0.01)
-    every, _ = read_city(path, network="all")
+    every, _ = read_city(path, ReadOptions(network="all"))
     assert kinds(every) == sorted([*kinds(walk), "motorway"])
     widths = {edge["kind"]: edge["half_width"] for _, _, edge in every.streets.edges(data=True)}
     assert (widths["primary"], widths["footway"], widths["residential"]) == (6.0, 2.0, 3.0)
 
 
 def test_edges_run_from_the_lower_node_and_end_at_their_nodes(tmp_path):
-    city, _ = read_city(crossroads().write(tmp_path / "a.osm"), network="all")
+    city, _ = read_city(crossroads().write(tmp_path / "a.osm"), ReadOptions(network="all"))
     for a, b, edge in city.streets.edges(data=True):
         low, high = sorted((a, b))
         line = edge["geometry"]
@@ -238,14 +239,14 @@ def test_clip_keeps_whole_buildings_and_cuts_streets(tmp_path):
     osm.box(1, -5, 0, 20, 10, building="yes", height="5")
     osm.box(2, -40, 0, -20, 10, building="yes", height="5")
     path = osm.write(tmp_path / "a.osm")
-    city, report = read_city(path, clip=(9.0, 47.99, 9.1, 48.01))  # x > 0
+    city, report = read_city(path, ReadOptions(clip=(9.0, 47.99, 9.1, 48.01)))  # x > 0
     assert [one.id for one in city.objects] == ["way/1"]
     assert area(city.objects[0]) == pytest.approx(250, rel=0.01)
     ((_, _, edge),) = city.streets.edges(data=True)
     assert edge["geometry"].length == pytest.approx(50, rel=0.02)
     assert tally(report, "left out", "building: outside --clip") == 1
     with pytest.raises(CityError, match="no buildings within --clip"):
-        read_city(path, clip=(10.0, 47.0, 11.0, 48.0))
+        read_city(path, ReadOptions(clip=(10.0, 47.0, 11.0, 48.0)))
 
 
 def test_nothing_to_build_is_refused_with_a_way_out(tmp_path):
@@ -259,8 +260,8 @@ def test_nothing_to_build_is_refused_with_a_way_out(tmp_path):
     osm.way(2, [(0.0, -5.0), (50.0, -5.0)], highway="footway")
     with pytest.raises(CityError, match=r"no streets for --network drive; found only 1 footway"):
         read_city(osm.write(tmp_path / "c.osm"))
-    assert kinds(read_city(tmp_path / "c.osm", network="walk")[0]) == ["footway"]
-    assert kinds(read_city(tmp_path / "b.osm", streets=only_street)[0]) == ["residential"]
+    assert kinds(read_city(tmp_path / "c.osm", ReadOptions(network="walk"))[0]) == ["footway"]
+    assert kinds(read_city(tmp_path / "b.osm", ReadOptions(streets=only_street))[0]) == ["residential"]
     osm = with_street()
     osm.box(1, 0, 0, 20, 10, building="yes")
     osm.box(2, 30, 0, 40, 10, building="roof")

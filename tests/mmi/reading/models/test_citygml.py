@@ -14,6 +14,7 @@ from mmi.city.model import PAINTED, PLAIN
 from mmi.foundation.errors import CityError, MmiError
 from mmi.reading.models.citygml import is_citygml, read_citygml
 from mmi.reading.read_city import read_city
+from mmi.reading.read_options import ReadOptions
 from mmi.reading.report import Ledger
 
 GML = ' xmlns:gml="http://www.opengis.net/gml" xmlns:xlink="http://www.w3.org/1999/xlink"'
@@ -347,7 +348,7 @@ def test_degrees_in_either_order(latitude_first, name, tmp_path):
     assert mesh.vertices[:, :2].min(axis=0) == pytest.approx(TOKYO)
     assert np.ptp(mesh.vertices[:, :2], axis=0) == pytest.approx([30 * DEGREES, 10 * DEGREES], rel=1e-4)
     assert layer.crs.is_geographic
-    city, _ = read_city(tmp_path / "city.gml", network="all")
+    city, _ = read_city(tmp_path / "city.gml", ReadOptions(network="all"))
     assert city.crs == "EPSG:32654"
     x0, y0, x1, y1 = city.objects[0].footprint.bounds
     assert (x1 - x0, y1 - y0) == pytest.approx((27.2, 11.1), abs=0.7)
@@ -369,7 +370,7 @@ def test_northing_first(swapped, tmp_path):
 def test_without_crs(tmp_path):
     layer, _ = read(model(building("a", solid(faces(box_at(), "a"))), crs=None), tmp_path)
     assert layer.crs is None
-    assert read_city(tmp_path / "city.gml", network="all")[0].crs == "local"
+    assert read_city(tmp_path / "city.gml", ReadOptions(network="all"))[0].crs == "local"
 
 
 def test_a_crs_that_is_named_replaces_one_that_nobody_understands(tmp_path):
@@ -377,7 +378,7 @@ def test_a_crs_that_is_named_replaces_one_that_nobody_understands(tmp_path):
     text = model(building("a", solid(faces(corners, "a"))), crs="urn:adv:crs:ETRS89_UTM32*DE_DHHN92_NH")
     with pytest.raises(CityError, match=r"city\.gml: srsName: an EPSG code expected.*--crs"):
         read(text, tmp_path)
-    assert read_city(tmp_path / "city.gml", crs="EPSG:25832", network="all")[0].crs == "EPSG:25832"
+    assert read_city(tmp_path / "city.gml", ReadOptions(crs="EPSG:25832", network="all"))[0].crs == "EPSG:25832"
 
 
 def test_ground(tmp_path):
@@ -396,7 +397,7 @@ def test_ground(tmp_path):
     assert len(layer.terrain.triangles) == 2
     assert layer.terrain.vertices[:, 2].max() == 3.0
     assert ledger.count("left out", "Bridge: no building") == 1
-    city, _ = read_city(tmp_path / "city.gml", network="all")
+    city, _ = read_city(tmp_path / "city.gml", ReadOptions(network="all"))
     assert city.terrain is not None
     assert city.objects[0].base <= city.ground_at(np.array(city.objects[0].footprint.exterior.coords)).min() + 0.01
     layer, _ = read(model(house, land), tmp_path)

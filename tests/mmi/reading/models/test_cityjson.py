@@ -16,6 +16,7 @@ from mmi.city.model import PAINTED, PLAIN
 from mmi.foundation.errors import CityError, MmiError
 from mmi.reading.models.cityjson import is_cityjson, read_cityjson
 from mmi.reading.read_city import read_city
+from mmi.reading.read_options import ReadOptions
 from mmi.reading.report import Ledger
 from mmi.writing.cityjson_writer import write_cityjson
 
@@ -331,7 +332,7 @@ def test_a_crs_that_is_named_replaces_one_that_nobody_understands(tmp_path):
     path = saved(made, tmp_path)
     with pytest.raises(CityError, match=r"city\.json: referenceSystem: an EPSG code expected.*--crs"):
         read_city(path)
-    assert read_city(path, crs="EPSG:3067")[0].crs == "EPSG:3067"
+    assert read_city(path, ReadOptions(crs="EPSG:3067"))[0].crs == "EPSG:3067"
 
 
 def test_sequences_have_points_and_looks_of_their_own(tmp_path):
@@ -546,7 +547,7 @@ def test_values_changed_by_chance_raise_nothing_else(tmp_path_factory, path, val
     file = saved(made, folder)
     try:
         if whole == 0:
-            read_city(file, network="all")
+            read_city(file, ReadOptions(network="all"))
         else:
             read_cityjson(file, Ledger())
     except MmiError as error:

@@ -19,6 +19,7 @@ from mmi.city.model import CityObject
 from mmi.foundation.errors import CityError, MmiError
 from mmi.reading.models.cityjson import read_cityjson
 from mmi.reading.read_city import read_city
+from mmi.reading.read_options import ReadOptions
 from mmi.reading.report import Ledger
 from mmi.writing.cityjson_writer import write_cityjson
 
@@ -56,7 +57,7 @@ def hamlet(request, made, tmp_path_factory):
     path = tmp_path_factory.mktemp("hamlet") / request.param
     city = made
     write_cityjson(city, path)
-    return city, *read_city(path, network="all")
+    return city, *read_city(path, ReadOptions(network="all"))
 
 
 def test_a_hamlet_keeps_its_buildings_and_streets(hamlet):
@@ -99,7 +100,7 @@ def floating(height, **more):
 
 def test_flat_ground_is_where_the_feet_are(tmp_path):
     write_cityjson(floating(7.0), tmp_path / "city.json")
-    city, _ = read_city(tmp_path / "city.json", network="all")
+    city, _ = read_city(tmp_path / "city.json", ReadOptions(network="all"))
     assert city.terrain is None
     assert city.ground == pytest.approx(7.0)
     assert (above_ground(city) == 0.0).all()
@@ -110,7 +111,7 @@ def test_feet_above_a_terrain_of_a_file_go_down_to_it(tmp_path):
     grid = np.stack(np.meshgrid(np.arange(-60, 120, 5.0), np.arange(-60, 90, 5.0)), axis=-1).reshape(-1, 2)
     points = [(shapely.Point(x, y, 0.02 * x), {}) for x, y in grid]
     relief = geojson(tmp_path / "relief.geojson", points)
-    city, report = read_city(tmp_path / "city.json", network="all", terrain=relief)
+    city, report = read_city(tmp_path / "city.json", ReadOptions(network="all", terrain=relief))
     assert city.terrain is not None
     assert np.abs(above_ground(city)).max() < 0.01
     assert counts(report, "repaired")["building: let down to the ground"] == 3
@@ -138,7 +139,7 @@ TWO = ((0, 0, 0, 12, 10, 9), (0, 30, 0, 12, 40, 6))
 def test_a_local_obj_with_local_streets(tmp_path):
     path = write_obj(tmp_path / "town.obj", *[(x0 + 900, y0, z0, x1 + 900, y1, z1) for x0, y0, z0, x1, y1, z1 in TWO])
     lines = geojson(tmp_path / "streets.geojson", [(LineString([(880, 20), (930, 20)]), {"highway": "residential"})])
-    city, _ = read_city(path, streets=lines, up="z")
+    city, _ = read_city(path, ReadOptions(streets=lines, up="z"))
     assert city.crs == "local"
     assert len(city.objects) == 2
     assert street_length(city) == pytest.approx(50.0, abs=0.01)
@@ -151,7 +152,7 @@ def test_a_local_obj_with_local_streets(tmp_path):
 
 def test_a_model_without_streets_gets_paths(tmp_path):
     boxes = [(30 * i, 30 * j, 0, 30 * i + 18, 30 * j + 18, 9) for i in range(3) for j in range(3)]
-    city, report = read_city(write_obj(tmp_path / "town.obj", *boxes), up="z")
+    city, report = read_city(write_obj(tmp_path / "town.obj", *boxes), ReadOptions(up="z"))
     assert counts(report, "inferred")["paths through the open space, as there are no streets"] > 0
     assert street_length(city) > 100.0
     walls = shapely.union_all([one.footprint for one in city.objects])
@@ -171,8 +172,8 @@ def test_footprints_with_a_terrain_are_raised(tmp_path):
     grid = np.stack(np.meshgrid(np.arange(-60, 120, 5.0), np.arange(-60, 90, 5.0)), axis=-1).reshape(-1, 2)
     points = [(shapely.Point(500000 + x, 5400000 + y, 100.0 + 0.1 * x), {}) for x, y in grid]
     relief = geojson(tmp_path / "relief.geojson", points, crs="EPSG:32632")
-    city, _ = read_city(houses, streets=lines, terrain=relief)
-    flat, _ = read_city(houses, streets=lines)
+    city, _ = read_city(houses, ReadOptions(streets=lines, terrain=relief))
+    flat, _ = read_city(houses, ReadOptions(streets=lines))
     assert city.terrain is not None
     for one, level in zip(city.objects, flat.objects, strict=True):
         ring = np.array(one.footprint.exterior.coords)[:-1]
@@ -199,17 +200,17 @@ def test_clip_keeps_what_meets_the_box(placed):
     to_degrees = pyproj.Transformer.from_crs("EPSG:3067", "EPSG:4326", always_xy=True)
     west, south = to_degrees.transform(city.origin[0] - 5.0, city.origin[1] - 5.0)
     east, north = to_degrees.transform(city.origin[0] + 60.0, city.origin[1] + 60.0)
-    clipped, report = read_city(path, clip=(west, south, east, north), network="all")
+    clipped, report = read_city(path, ReadOptions(clip=(west, south, east, north), network="all"))
     assert [one.id for one in clipped.objects] == ["block/22"]
     assert clipped.objects[0].footprint.area == pytest.approx(3600.0, rel=0.01), "whole although it reaches out"
     assert counts(report, "left out")["building: outside --clip"] == len(city.objects) - len(clipped.objects)
-    whole, _ = read_city(path, network="all")
+    whole, _ = read_city(path, ReadOptions(network="all"))
     assert street_length(clipped) < street_length(whole)
 
 
 def refused(path, match, **options):
     with pytest.raises(MmiError, match=match) as caught:
-        read_city(path, **options)
+        read_city(path, ReadOptions(**options))
     assert "\n" not in str(caught.value)
 
 
@@ -239,7 +240,7 @@ def test_a_model_without_buildings(tmp_path):
 
 def test_a_crs_replaces_that_of_the_file(placed):
     path, _ = placed
-    city, _ = read_city(path, crs="EPSG:25835", network="all")
+    city, _ = read_city(path, ReadOptions(crs="EPSG:25835", network="all"))
     assert city.crs == "EPSG:25835"
 
 
@@ -279,7 +280,7 @@ def real(request):
     path = DATA / request.param
     if not path.exists():
         pytest.skip(f"{path.name} is not here: it comes with ../shared/data")
-    return request.param, *read_city(path, network="all")
+    return request.param, *read_city(path, ReadOptions(network="all"))
 
 
 def test_real_models(real):
@@ -333,7 +334,7 @@ def test_pictures_of_georess_walls_stand_upright():
     path = DATA / "geores_textured/geoRES_testdata.xml"
     if not path.exists():
         pytest.skip("../shared/data is not here")
-    city, _ = read_city(path, network="all")
+    city, _ = read_city(path, ReadOptions(network="all"))
     upright = rightward = total = 0.0
     for one in city.objects:
         corners = one.mesh.vertices[one.mesh.triangles]
@@ -358,7 +359,7 @@ def test_a_folder_with_one_model_and_its_pictures():
     folder = DATA / "textured_small/rotterdam_two_buildings"
     if not folder.exists():
         pytest.skip("../shared/data is not here")
-    city, _ = read_city(folder, network="all")
+    city, _ = read_city(folder, ReadOptions(network="all"))
     assert len(city.objects) == 2
 
 

@@ -1,0 +1,71 @@
+"""The arguments of a program that reads a city: CITY and the group "the city", as one ``ReadOptions``.
+
+A program adds them to its parser and gets the value back, checked, before anything that takes time is loaded.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from mmi.programs.command_line import numbers_option, path_option
+from mmi.reading.read_options import NETWORKS, OBJECTS, UP_AXES, ReadOptions
+
+__all__ = ["add_city_arguments", "read_options"]
+
+
+def add_city_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add CITY and every option of ``ReadOptions``, by its name, with its default."""
+    default = ReadOptions()
+    parser.add_argument(
+        "city",
+        type=path_option,
+        metavar="CITY",
+        help="OpenStreetMap .osm or .osm.pbf, footprints in a format that GDAL reads, or a 3D model: CityJSON, CityGML, glTF, "
+        "OBJ, PLY, STL",
+    )
+    city = parser.add_argument_group("the city")
+    city.add_argument("--streets", type=path_option, metavar="FILE", help="streets, where CITY holds only buildings")
+    city.add_argument(
+        "--terrain", type=path_option, metavar="FILE", help="heights of the ground: a raster, points or contour lines"
+    )
+    city.add_argument(
+        "--lod", metavar="N", help="level of detail of a 3D model (default: the highest of each building)"
+    )
+    city.add_argument(
+        "--up", choices=UP_AXES, default=default.up, help="axis of a mesh that points up (default: %(default)s)"
+    )
+    city.add_argument(
+        "--crs", metavar="CRS", help="coordinate system (EPSG:32632), where a file declares none or a wrong one"
+    )
+    city.add_argument(
+        "--network", choices=NETWORKS, default=default.network, help="which streets are used (default: %(default)s)"
+    )
+    city.add_argument(
+        "--objects",
+        choices=OBJECTS,
+        default=default.objects,
+        help="what layers are made of: buildings, or blocks of buildings that touch (default: %(default)s)",
+    )
+    city.add_argument(
+        "--clip", type=_box, metavar="W,S,E,N", help="read only what lies in this box of degrees: west,south,east,north"
+    )
+    city.add_argument("--height-column", metavar="NAME", help="column of heights in metres (default: guessed)")
+    city.add_argument("--levels-column", metavar="NAME", help="column of numbers of storeys (default: guessed)")
+    city.add_argument("--id-column", metavar="NAME", help="column of the buildings' ids (default: guessed)")
+    city.add_argument(
+        "--buildings-layer", metavar="NAME", help="layer of CITY that holds the buildings (default: guessed)"
+    )
+    city.add_argument("--streets-layer", metavar="NAME", help="layer that holds the streets (default: guessed)")
+
+
+def read_options(arguments: argparse.Namespace) -> ReadOptions:
+    """The options that ``add_city_arguments`` added, as a value.
+
+    Raises:
+        ParameterError: an option means nothing.
+    """
+    return ReadOptions(**{name: getattr(arguments, name) for name in ReadOptions.__slots__})
+
+
+def _box(text: str) -> tuple[float, ...]:
+    return tuple(numbers_option(text, 4, "west,south,east,north in degrees"))

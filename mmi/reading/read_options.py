@@ -1,0 +1,88 @@
+"""What ``read_city`` is told beside its file: one value for the program and for Python, checked where it is made.
+
+It imports no reader, so that a program can check what it was told before it loads anything that takes time.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from mmi.foundation.errors import ParameterError
+
+__all__ = ["NETWORKS", "OBJECTS", "UP_AXES", "ReadOptions"]
+
+NETWORKS = ("drive", "walk", "all")
+"""Which streets: those for cars, those for people on foot, or both."""
+OBJECTS = ("buildings", "blocks")
+"""What an object of the city is: a building, or a block of touching buildings."""
+UP_AXES = ("auto", "y", "z")
+"""Which axis of a mesh points up."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadOptions:
+    """How to read a city. Every option has a default that fits a file with nothing unusual about it.
+
+    Attributes:
+        streets: a second file that holds the streets: a map or GIS file, or a SUMO network.
+        terrain: a raster, points or contour lines with the heights of the ground; None: flat, or what a model says.
+        crs: the coordinate system (``EPSG:32632``), where a file declares none or a wrong one; never OpenStreetMap's.
+        network: one of ``NETWORKS``.
+        objects: one of ``OBJECTS``.
+        clip: west, south, east, north in degrees; buildings that meet the box stay whole, streets are cut at it.
+        height_column: column of heights in metres; like all names below guessed if None.
+        levels_column: column of numbers of levels.
+        id_column: column of ids that stay the same when the file changes.
+        buildings_layer: layer of buildings, or several with commas between.
+        streets_layer: layer of streets, or several with commas between.
+        lod: level of detail of a model's buildings (``"1"``, ``"2.2"``); None: the highest of each.
+        up: one of ``UP_AXES``, for meshes whose format does not say.
+
+    Raises:
+        ParameterError: an option means nothing; the message names it as the program does (``--network``).
+    """
+
+    streets: Path | None = None
+    terrain: Path | None = None
+    crs: str | None = None
+    network: str = "drive"
+    objects: str = "buildings"
+    clip: tuple[float, float, float, float] | None = None
+    height_column: str | None = None
+    levels_column: str | None = None
+    id_column: str | None = None
+    buildings_layer: str | None = None
+    streets_layer: str | None = None
+    lod: str | None = None
+    up: str = "auto"
+
+    def __post_init__(self) -> None:
+        for option, value, choices in (
+            ("--network", self.network, NETWORKS),
+            ("--objects", self.objects, OBJECTS),
+            ("--up", self.up, UP_AXES),
+        ):
+            if value not in choices:
+                expected = f"{', '.join(choices[:-1])} or {choices[-1]}"
+                raise ParameterError(f"{option}: expected {expected}, found {value!r}")
+        if self.lod is not None and not re.fullmatch(r"[0-4](\.[0-9])?", self.lod):
+            raise ParameterError(f"--lod: a level of detail such as 2 or 1.3 expected, found {self.lod!r}")
+        if self.clip is not None:
+            west, south, east, north = self.clip
+            if not (-180 <= west < east <= 180 and -90 <= south < north <= 90):
+                raise ParameterError(f"--clip: expected west < east and south < north in degrees, found {self.clip}")
+        if self.crs is not None:
+            from mmi.reading.coordinates import parse_crs
+
+            parse_crs(self.crs)
+
+    def columns(self) -> dict[str, str | None]:
+        """The options that name a layer or a column of the buildings, by the names that the program gives them."""
+        return {
+            "--buildings-layer": self.buildings_layer,
+            "--height-column": self.height_column,
+            "--levels-column": self.levels_column,
+            "--id-column": self.id_column,
+        }

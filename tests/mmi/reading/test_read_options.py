@@ -1,0 +1,62 @@
+"""The options of reading: refused where they are made, and the same value for Python and for the program."""
+
+import argparse
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from mmi.foundation.errors import ParameterError
+from mmi.programs.city_arguments import add_city_arguments, read_options
+from mmi.reading.read_options import ReadOptions
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"network": "fly"}, "--network: expected drive, walk or all, found 'fly'"),
+        ({"objects": "trees"}, "--objects: expected buildings or blocks, found 'trees'"),
+        ({"up": "x"}, "--up: expected auto, y or z, found 'x'"),
+        ({"lod": "5"}, "--lod: a level of detail such as 2 or 1.3 expected, found '5'"),
+        ({"clip": (9.0, 48.0, 8.0, 49.0)}, "--clip: expected west < east and south < north in degrees, found"),
+        ({"crs": "utm please"}, "--crs: expected a coordinate system such as EPSG:32632, found 'utm please'"),
+    ],
+)
+def test_options_are_checked_where_they_are_made(options, message):
+    with pytest.raises(ParameterError) as caught:
+        ReadOptions(**options)
+    assert str(caught.value).startswith(message)
+
+
+def parsed(*words):
+    parser = argparse.ArgumentParser()
+    add_city_arguments(parser)
+    return read_options(parser.parse_args(["town.osm", *words]))
+
+
+def test_the_program_without_options_reads_as_python_without_options():
+    assert parsed() == ReadOptions()
+
+
+def test_every_option_has_its_argument():
+    told = ReadOptions(
+        streets=Path("roads.shp"),
+        terrain=Path("dem.tif"),
+        crs="EPSG:32632",
+        network="walk",
+        objects="blocks",
+        clip=(8.0, 47.0, 9.0, 48.0),
+        height_column="h",
+        levels_column="n",
+        id_column="key",
+        buildings_layer="houses",
+        streets_layer="ways",
+        lod="2.2",
+        up="z",
+    )
+    assert not [one.name for one in fields(told) if getattr(told, one.name) == getattr(ReadOptions(), one.name)]
+    words = []
+    for one in fields(told):
+        value = getattr(told, one.name)
+        words += [f"--{one.name.replace('_', '-')}", ",".join(map(str, value)) if one.name == "clip" else str(value)]
+    assert parsed(*words) == told
