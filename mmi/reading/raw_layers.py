@@ -16,6 +16,7 @@ from shapely.geometry.base import BaseGeometry
 
 from mmi.city.model import Texture, TriangleMesh
 from mmi.reading.report import Ledger
+from mmi.reading.unique_names import UniqueNames
 
 __all__ = [
     "BuildingLayer",
@@ -106,16 +107,14 @@ _Named = TypeVar("_Named", RawBuilding, RawModel)
 
 
 def with_unique_ids(items: Sequence[_Named], ledger: Ledger) -> tuple[_Named, ...]:
-    """Repeated ids get ``#2``, ``#3``, ... in reading order."""
-    seen: set[str] = set()
+    """The items in their order; an id that is there already gets ``#2``, ``#3``, ..., which the ledger counts."""
+    names = UniqueNames()
     unique: list[_Named] = []
     for item in items:
-        id_, n = item.id, 2
-        while id_ in seen:
-            id_, n = f"{item.id}#{n}", n + 1
+        id_ = names.free(item.id)
+        names.take(id_)
         if id_ != item.id:
             ledger.note("repaired", "repeated id made unique", id_)
             item = replace(item, id=id_)
-        seen.add(id_)
         unique.append(item)
     return tuple(unique)

@@ -12,6 +12,7 @@ from PIL import Image
 from mmi.city.model import Texture
 from mmi.foundation.errors import CityError
 from mmi.reading.report import Ledger
+from mmi.reading.unique_names import UniqueNames
 
 __all__ = ["PictureShelf", "contained_path", "texture_from_bytes"]
 
@@ -69,20 +70,18 @@ class PictureShelf:
     def __init__(self, ledger: Ledger) -> None:
         self._ledger = ledger
         self._places: dict[tuple[bytes, bool], int | None] = {}
-        self._names: set[str] = set()
+        self._names = UniqueNames()
         self._textures: list[Texture] = []
 
     def place(self, data: bytes, name: str, *, alpha: bool) -> int | None:
         """Index of the texture of the encoded picture ``data``; None where it cannot be decoded (noted)."""
         key = (data, alpha)
         if key not in self._places:
-            unique, n = name, 2
-            while unique in self._names:
-                unique, n = f"{name}#{n}", n + 1
+            unique = self._names.free(name)
             texture = texture_from_bytes(data, unique, self._ledger, alpha=alpha)
             self._places[key] = None if texture is None else len(self._textures)
             if texture is not None:
-                self._names.add(unique)
+                self._names.take(unique)
                 self._textures.append(texture)
         return self._places[key]
 
