@@ -204,6 +204,7 @@ def _read_streets(
 ) -> StreetLayer:
     """The streets of ``file``: at least one line. ``local``: a SUMO network keeps its own metres."""
     found: StreetLayer | None
+    left_out = ledger.count("left out")
     if file.is_file() and is_osm(file):
         if layer is not None:
             raise ParameterError(f"--streets-layer: {file} is OpenStreetMap, which has no layers; found {layer!r}")
@@ -219,8 +220,10 @@ def _read_streets(
             "height" in item.tags or "building:levels" in item.tags for item in buildings.items
         )
         nor = "" if also else ", nor has any building a height (--height-column, --levels-column)"
+        lost = ledger.count("left out") - left_out
+        others = f" ({lost} others left out)" if lost else ""
         raise CityError(
-            f"{file}: no streets: no line layer or highways in it{nor}; expected them here or as --streets FILE"
+            f"{file}: no streets: no line layer or highways in it{others}{nor}; expected them here or as --streets FILE"
         )
     return found
 

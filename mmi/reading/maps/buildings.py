@@ -125,8 +125,9 @@ def _clean(layer: BuildingLayer, shapes: NDArray[np.object_], ledger: Ledger) ->
 
 def _not_standing(item: RawBuilding) -> str | None:
     """Why an outline is no building above the ground, or None."""
-    if item.tags.get("building", "yes").lower() in _UNBUILT:
-        return f"building={item.tags['building'].lower()}"
+    kind = item.tags.get("building", "yes").lower()
+    if kind in _UNBUILT or not is_yes(kind):
+        return f"building={kind}"
     if item.tags.get("location", "").lower() == "underground":
         return "underground"
     if re.fullmatch(r"-\d+(\.\d+)?", item.tags.get("layer", "")) and "height" not in item.tags:

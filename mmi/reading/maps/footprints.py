@@ -1,14 +1,13 @@
 """Footprints and streets in what GDAL reads: GeoJSON, GeoPackage, Shapefile, and whatever else it knows.
 
 Which layer holds the buildings and which the streets follows from geometry, name and columns; where several would do, the
-reader refuses and names them. Columns become OpenStreetMap tags by a list of usual names.
+reader refuses and names them. What the columns mean is told by ``gis_columns``.
 """
 
 from __future__ import annotations
 
-import re
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from os import SEEK_END
 from pathlib import Path
@@ -26,53 +25,27 @@ from shapely.geometry.base import BaseGeometry
 
 from mmi.foundation.errors import CityError
 from mmi.reading.coordinates import declared_crs
+from mmi.reading.maps.gis_columns import (
+    BUILDING_COLUMNS,
+    HEIGHT_COLUMNS,
+    LEVELS_COLUMNS,
+    STREET_COLUMNS,
+    guess_column,
+    ids_of_rows,
+    plain_name,
+    tags_of_rows,
+    why_no_building,
+    why_no_street,
+)
 from mmi.reading.raw_layers import BuildingLayer, RawBuilding, RawStreet, StreetLayer, with_unique_ids
 from mmi.reading.report import Ledger
 
-__all__ = ["GDAL_SUFFIXES", "guess_column", "read_footprints", "read_street_lines"]
+__all__ = ["GDAL_SUFFIXES", "read_footprints", "read_street_lines"]
 
 GDAL_SUFFIXES = (".fgb", ".geojson", ".gpkg", ".json", ".shp")
 """What is looked for in a folder."""
 _MESH_SUFFIXES = (".3ds", ".dae", ".fbx", ".obj", ".ply", ".stl")
 
-# Compared without case and punctuation; first come, first taken.
-_HEIGHT = (
-    "height", "heightm", "hauteur", "heightag", "buildingheight", "bldgheight", "hoehe", "höhe", "gebhoehe", "altura",
-    "altezza", "hoogte", "relh2", "measuredheight", "estheight",
-)  # fmt: skip
-_LEVELS = (
-    "buildinglevels", "levels", "floors", "floorsag", "numfloors", "nfloors", "storeys", "stories", "nbetages", "etages",
-    "geschosse", "pisos", "plantas",
-)  # fmt: skip
-_BUILDING_COLUMNS = MappingProxyType(
-    {
-        "min_height": ("minheight", "minheightm", "buildingminheight"),
-        "building:min_level": ("buildingminlevel", "minlevel"),
-        "building:part": ("buildingpart",),
-        "building": ("building",),
-        "layer": ("layer",),
-        "location": ("location",),
-    }
-)
-_STREET_COLUMNS = MappingProxyType(
-    {
-        "highway": ("highway", "fclass", "roadclass", "roadtype", "nature", "class", "type", "kind"),
-        "name": ("name", "nom", "street", "streetname", "strname", "nomvoie"),
-        "width": ("width", "largeur", "breite"),
-        "lanes": ("lanes", "nbvoies", "numlanes"),
-        "tunnel": ("tunnel",),
-        "bridge": ("bridge",),
-        "layer": ("layer",),
-        "covered": ("covered",),
-        "indoor": ("indoor",),
-        "access": ("access",),
-        "foot": ("foot",),
-        "motor_vehicle": ("motorvehicle",),
-        "footway": ("footway",),
-        "area": ("area",),
-    }
-)
-_IDS = ("id", "osmid", "idway", "osmway", "buildingid", "bldgid", "gmlid", "cleabs", "objectid", "uid", "gid", "pk")
 _BUILDING_WORDS = ("build", "bldg", "footprint", "bati", "gebaeude", "gebäude", "edific", "house", "pand")
 _STREET_WORDS = ("street", "road", "highway", "route", "rue", "strasse", "straße", "via", "calle", "troncon", "network")
 # pyogrio lets some of Python's own through; NameError when a .prj is no text.
@@ -114,17 +87,28 @@ def read_footprints(
     layers = _list_layers(path)
     fit = [one for one in layers if one.kind != "line"]
     chosen = _choose(
-        path, layers, fit, layer, _BUILDING_WORDS, (*_HEIGHT, *_LEVELS), "building polygons", "--buildings-layer"
+        path,
+        layers,
+        fit,
+        layer,
+        _BUILDING_WORDS,
+        (*HEIGHT_COLUMNS, *LEVELS_COLUMNS),
+        "building polygons",
+        "--buildings-layer",
     )
     items: list[RawBuilding] = []
     found: list[pyproj.CRS | None] = []
     labels: tuple[str, str] = ("", "")
     for one in chosen:
         table = _read(one, ledger)
-        height = _wanted_column(table, height_column, _HEIGHT, "--height-column")
-        levels = _wanted_column(table, levels_column, _LEVELS, "--levels-column")
-        ids = [f"{one.name}/{id_}" if len(chosen) > 1 else id_ for id_ in _ids(table, id_column)]
-        tags = _tags(table, _BUILDING_COLUMNS | {"height": (height,), "building:levels": (levels,)})
+        height = _wanted_column(table, height_column, HEIGHT_COLUMNS, "--height-column")
+        levels = _wanted_column(table, levels_column, LEVELS_COLUMNS, "--levels-column")
+        named = _wanted_column(table, id_column, (), "--id-column")
+        ids = ids_of_rows(table.columns, len(table.geometries), named)
+        ids = [f"{one.name}/{id_}" if len(chosen) > 1 else id_ for id_ in ids]
+        wanted = BUILDING_COLUMNS | {"height": (height,), "building:levels": (levels,)}
+        tags = tags_of_rows(table.columns, len(table.geometries), wanted)
+        telling = guess_column(table.columns, BUILDING_COLUMNS["building"])
         labels = (labels[0] or _label(height), labels[1] or _label(levels))
         found.append(table.crs)
         for id_, geometry, own in zip(ids, table.geometries, tags, strict=True):
@@ -140,6 +124,8 @@ def read_footprints(
                 ledger.note("left out", "building: not a polygon", id_)
             elif not np.isfinite(shapely.get_coordinates(geometry)).all():
                 ledger.note("left out", "building: coordinates that are no numbers", id_)
+            elif (reason := why_no_building(own, telling)) is not None:
+                ledger.note("left out", f"building: {reason}", id_)
             else:
                 items.append(RawBuilding(id_, geometry, own))
     if len({crs.to_wkt() if crs else "" for crs in found}) > 1:
@@ -159,24 +145,28 @@ def read_street_lines(path: Path, ledger: Ledger, *, layer: str | None) -> Stree
     if not fit and layer is None:
         return None
     chosen = _choose(
-        path, layers, fit, layer, _STREET_WORDS, _STREET_COLUMNS["highway"][:2], "street lines", "--streets-layer"
+        path, layers, fit, layer, _STREET_WORDS, STREET_COLUMNS["highway"][:2], "street lines", "--streets-layer"
     )
     items: list[RawStreet] = []
     found: list[pyproj.CRS | None] = []
     for one in chosen:
         table = _read(one, ledger)
         found.append(table.crs)
-        tags = _tags(table, _STREET_COLUMNS)
-        for id_, geometry, own in zip(_ids(table, None), table.geometries, tags, strict=True):
+        tags = tags_of_rows(table.columns, len(table.geometries), STREET_COLUMNS)
+        ids = ids_of_rows(table.columns, len(table.geometries), "")
+        telling = guess_column(table.columns, STREET_COLUMNS["highway"][:1])
+        for id_, geometry, own in zip(ids, table.geometries, tags, strict=True):
             parts = [] if geometry is None else shapely.get_parts(_unpacked(geometry))
             lines = tuple(part for part in _flatten(parts) if isinstance(part, LineString) and 0 < part.length < np.inf)
             if one.kind == "any" and not lines:
                 continue  # a building of a mixed layer
             ledger.note("read", "streets")
-            if lines:
-                items.append(RawStreet(id_, lines, own))
-            else:
+            if not lines:
                 ledger.note("left out", "street: not a line", id_)
+            elif (reason := why_no_street(own, telling)) is not None:
+                ledger.note("left out", f"street: {reason}", id_)
+            else:
+                items.append(RawStreet(id_, lines, own))
     if len({crs.to_wkt() if crs else "" for crs in found}) > 1:
         raise CityError(f"{path}: layers {', '.join(one.name for one in chosen)} differ in their CRS; expected one")
     return StreetLayer(str(path), tuple(items), found[0], False)
@@ -269,7 +259,7 @@ def _choose(
     if len(fit) == 1:
         return fit
     by_word = [one for one in fit if any(word in one.name.lower() for word in words)]
-    by_column = [one for one in by_word or fit if any(_plain(column) in telling_columns for column in one.columns)]
+    by_column = [one for one in by_word or fit if any(plain_name(column) in telling_columns for column in one.columns)]
     for candidates in (by_word, by_column):
         if len(candidates) == 1:
             return candidates
@@ -323,19 +313,6 @@ def _flatten(parts: Iterable[BaseGeometry]) -> list[BaseGeometry]:
     return flat
 
 
-def _plain(name: str) -> str:
-    return re.sub(r"[\W_]", "", name.lower())
-
-
-def guess_column(columns: dict[str, NDArray[Any]], names: tuple[str, ...]) -> str | None:
-    """The first column called like one of ``names`` (case and punctuation aside) that is not empty throughout."""
-    for name in names:
-        for column, values in columns.items():
-            if _plain(column) == name and any(_text(value) is not None for value in values):
-                return column
-    return None
-
-
 def _wanted_column(table: _Table, named: str | None, names: tuple[str, ...], option: str) -> str:
     """The column called ``named``, which must be there, else a guess, else an empty string."""
     if named is None:
@@ -350,39 +327,3 @@ def _wanted_column(table: _Table, named: str | None, names: tuple[str, ...], opt
 
 def _label(column: str) -> str:
     return f"column {column}" if column else ""
-
-
-def _text(value: object) -> str | None:
-    """A cell as a tag's value; None where it is empty, a list or binary."""
-    if value is None or isinstance(value, np.ndarray | list | bytes) or value != value:
-        return None
-    if isinstance(value, float | np.floating) and float(value).is_integer():
-        value = int(value)
-    return str(value).strip() or None
-
-
-def _tags(table: _Table, wanted: Mapping[str, tuple[str, ...]]) -> list[dict[str, str]]:
-    """One dict of tags a feature: tag -> the cell of the column by one of the names (exact, or guessed)."""
-    tags: list[dict[str, str]] = [{} for _ in table.geometries]
-    for tag, names in wanted.items():
-        column = names[0] if names[0] in table.columns else guess_column(table.columns, names)
-        if column is None:
-            continue
-        for own, value in zip(tags, table.columns[column], strict=True):
-            if (text := _text(value)) is not None:
-                own[tag] = text
-    return tags
-
-
-def _ids(table: _Table, named: str | None) -> list[str]:
-    """Ids from the column ``named``, else from the first usual id column without gaps or repeats, else ``feature/N``."""
-    rows = range(len(table.geometries))
-    if named is not None:
-        column = _wanted_column(table, named, (), "--id-column")
-        return [_text(value) or f"feature/{row}" for row, value in zip(rows, table.columns[column], strict=True)]
-    for name in _IDS:
-        for column, values in table.columns.items():
-            texts = [_text(value) for value in values]
-            if _plain(column) == name and None not in texts and len(set(texts)) == len(texts):
-                return [str(text) for text in texts]
-    return [f"feature/{row}" for row in rows]

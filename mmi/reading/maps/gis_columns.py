@@ -1,0 +1,158 @@
+"""Columns of GIS layers in the words of OpenStreetMap: which column means what, and which rows are no building and no street.
+
+Columns become OpenStreetMap tags by lists of usual names. Exports of whole maps put land use beside buildings and railways
+beside roads; the same columns tell them apart.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mmi.reading.raw_layers import is_yes
+
+__all__ = [
+    "BUILDING_COLUMNS", "HEIGHT_COLUMNS", "LEVELS_COLUMNS", "STREET_COLUMNS", "guess_column", "ids_of_rows", "plain_name",
+    "tags_of_rows", "why_no_building", "why_no_street",
+]  # fmt: skip
+
+# Compared without case and punctuation; first come, first taken.
+HEIGHT_COLUMNS = (
+    "height", "heightm", "hauteur", "heightag", "buildingheight", "bldgheight", "hoehe", "höhe", "gebhoehe", "altura",
+    "altezza", "hoogte", "relh2", "measuredheight", "estheight",
+)  # fmt: skip
+LEVELS_COLUMNS = (
+    "buildinglevels", "levels", "floors", "floorsag", "numfloors", "nfloors", "storeys", "stories", "nbetages", "etages",
+    "geschosse", "pisos", "plantas",
+)  # fmt: skip
+BUILDING_COLUMNS = MappingProxyType(
+    {
+        "min_height": ("minheight", "minheightm", "buildingminheight"),
+        "building:min_level": ("buildingminlevel", "minlevel"),
+        "building:part": ("buildingpart",),
+        "building": ("building",),
+        "layer": ("layer",),
+        "location": ("location",),
+    }
+)
+STREET_COLUMNS = MappingProxyType(
+    {
+        "highway": ("highway", "fclass", "roadclass", "roadtype", "nature", "class", "type", "kind"),
+        "name": ("name", "nom", "street", "streetname", "strname", "nomvoie"),
+        "width": ("width", "largeur", "breite"),
+        "lanes": ("lanes", "nbvoies", "numlanes"),
+        "tunnel": ("tunnel",),
+        "bridge": ("bridge",),
+        "layer": ("layer",),
+        "covered": ("covered",),
+        "indoor": ("indoor",),
+        "access": ("access",),
+        "foot": ("foot",),
+        "motor_vehicle": ("motorvehicle",),
+        "footway": ("footway",),
+        "area": ("area",),
+        "subtype": ("subtype",),
+        "railway": ("railway",),
+        "waterway": ("waterway",),
+        "barrier": ("barrier",),
+        "fence": ("fence",),
+        "power": ("power",),
+        "aerialway": ("aerialway",),
+    }
+)
+_IDS = ("id", "osmid", "idway", "osmway", "buildingid", "bldgid", "gmlid", "cleabs", "objectid", "uid", "gid", "pk")
+_NO_ROADS = ("railway", "waterway", "barrier", "fence", "power", "aerialway")
+# Values of a column that tells the kinds of lines apart, where roads, railways and rivers share it.
+_NO_ROAD_KINDS = frozenset(
+    {
+        "aerialway", "barrier", "broad_gauge", "canal", "ditch", "drain", "fence", "funicular", "hedge", "light_rail",
+        "monorail", "narrow_gauge", "power", "power_line", "rail", "railway", "river", "standard_gauge", "stream", "subway",
+        "tram", "water", "waterway",
+    }
+)  # fmt: skip
+
+
+def plain_name(name: str) -> str:
+    """A column's name without case and punctuation."""
+    return re.sub(r"[\W_]", "", name.lower())
+
+
+def guess_column(columns: dict[str, NDArray[Any]], names: tuple[str, ...]) -> str | None:
+    """The first column called like one of ``names`` (case and punctuation aside) that is not empty throughout."""
+    for name in names:
+        for column, values in columns.items():
+            if plain_name(column) == name and any(_text(value) is not None for value in values):
+                return column
+    return None
+
+
+def _text(value: object) -> str | None:
+    """A cell as a tag's value; None where it is empty, a list or binary."""
+    if value is None or isinstance(value, np.ndarray | list | bytes) or value != value:
+        return None
+    if isinstance(value, float | np.floating) and float(value).is_integer():
+        value = int(value)
+    return str(value).strip() or None
+
+
+def tags_of_rows(
+    columns: dict[str, NDArray[Any]], count: int, wanted: Mapping[str, tuple[str, ...]]
+) -> list[dict[str, str]]:
+    """Tags of each of ``count`` rows: tag -> the cell of the column by one of the ``wanted`` names (exact, or guessed)."""
+    tags: list[dict[str, str]] = [{} for _ in range(count)]
+    for tag, names in wanted.items():
+        column = names[0] if names[0] in columns else guess_column(columns, names)
+        if column is None:
+            continue
+        for own, value in zip(tags, columns[column], strict=True):
+            if (text := _text(value)) is not None:
+                own[tag] = text
+    return tags
+
+
+def ids_of_rows(columns: dict[str, NDArray[Any]], count: int, named: str) -> list[str]:
+    """Ids of ``count`` rows from the column ``named``, else from the first usual id column without gaps or repeats.
+
+    ``feature/N`` is the id of a row that has none.
+    """
+    if named:
+        return [_text(value) or f"feature/{row}" for row, value in enumerate(columns[named])]
+    for name in _IDS:
+        for column, values in columns.items():
+            texts = [_text(value) for value in values]
+            if plain_name(column) == name and None not in texts and len(set(texts)) == len(texts):
+                return [str(text) for text in texts]
+    return [f"feature/{row}" for row in range(count)]
+
+
+def why_no_building(tags: Mapping[str, str], column: str | None) -> str | None:
+    """Why a polygon is no building (land use, water, a car park), or None.
+
+    ``column`` is the layer's column ``building``, None if it has none or one that is empty throughout: then every polygon
+    counts. A building part needs no value there.
+    """
+    if column is None or "building" in tags or is_yes(tags.get("building:part")):
+        return None
+    return f"none (empty in the column {column})"
+
+
+def why_no_street(tags: Mapping[str, str], column: str | None) -> str | None:
+    """Why a line is no road (a railway, a river, a fence, a power line), or None.
+
+    ``column`` is the layer's column ``highway``, None if it has none or one that is empty throughout. A road with rails in
+    it is a road.
+    """
+    for kind in (tags.get("subtype", ""), tags.get("highway", "")):
+        if kind.lower() in _NO_ROAD_KINDS:
+            return f"no road ({kind.lower()})"
+    if "highway" in tags:
+        return "no road (highway=no)" if tags["highway"].lower() == "no" else None
+    other = next((tag for tag in _NO_ROADS if is_yes(tags.get(tag))), None)
+    if other is not None:
+        return f"no road ({other})"
+    return None if column is None else f"no road (empty in the column {column})"
