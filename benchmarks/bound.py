@@ -34,7 +34,7 @@ from mmi.dataset.reading import open_dataset
 from mmi.foundation.camera import View
 from mmi.foundation.thickness import largest_disc, thickness
 from viewer.cells.scene_cache import cell_cache
-from viewer.drawing.frame import Frame
+from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.view_errors import wrong_regions
 from viewer.plan import Budget
@@ -60,7 +60,7 @@ def measure(folder: Path, views: int, seed: int, worst: Path | None, keep: int) 
     ):
         full, multi = make_technique("full", scenes), make_technique("multi-mesh", scenes)
 
-        def draw(view: View) -> tuple[Frame, Frame]:
+        def draw(view: View) -> tuple[DrawnPicture, DrawnPicture]:
             truth = renderer.draw(full.plan(view, now=0.0, budget=Budget()), view, measured=True)
             plan = multi.plan(view, now=0.0, budget=Budget())
             cache.want(plan.cells)
@@ -108,7 +108,10 @@ def measure(folder: Path, views: int, seed: int, worst: Path | None, keep: int) 
 
 
 def _beyond_a_pixel(
-    draw: Callable[[View], tuple[Frame, Frame]], view: View, frames: tuple[Frame, Frame], limit: float
+    draw: Callable[[View], tuple[DrawnPicture, DrawnPicture]],
+    view: View,
+    frames: tuple[DrawnPicture, DrawnPicture],
+    limit: float,
 ) -> float:
     """Thickness of what is wrong in a view whatever a pixel around shows, or some thickness up to ``limit``."""
     truth, shown = (_ids(frame) for frame in frames)
@@ -129,7 +132,7 @@ def _beyond_a_pixel(
             return thickness(wrong)
 
 
-def _ids(frame: Frame) -> NDArray[np.int32]:
+def _ids(frame: DrawnPicture) -> NDArray[np.int32]:
     assert frame.object_ids is not None  # the renderer measures
     return frame.object_ids
 

@@ -33,7 +33,7 @@ from viewer.drawing.renderer import Renderer
 from viewer.measuring.view_errors import ViewErrors, WrongRegions, beyond_resampling, psnr, view_errors
 from viewer.plan import Budget
 from viewer.report.pictures import save_picture, triptych
-from viewer.scene.scene import Scene, open_scene
+from viewer.scene.scene import WalkScene, open_scene
 from viewer.scene.whereabouts import Whereabouts
 from viewer.techniques.catalogue import make_technique
 from viewer.walks.walk import Pose
@@ -63,14 +63,14 @@ class ReferenceView:
     smooth_db: float
 
 
-def spread_cells(scene: Scene, n: int) -> list[str]:
+def spread_cells(scene: WalkScene, n: int) -> list[str]:
     """``n`` of the dataset's cells, spread over the city; all where there are fewer."""
     graph = nx.Graph()
     graph.add_nodes_from((cell.id, {"cell": cell}) for cell in scene.whereabouts.cells)
     return spread(graph, n)
 
 
-def reference_views(scene: Scene, cells: Sequence[str]) -> Iterator[ReferenceView]:
+def reference_views(scene: WalkScene, cells: Sequence[str]) -> Iterator[ReferenceView]:
     """``full`` and ``multi-mesh`` from the reference viewpoints of ``cells``, one sector after the other."""
     camera, budget = scene.camera, Budget()
     size = (camera.width, camera.height)

@@ -12,7 +12,7 @@ from mmi.appearance.city_mesh import CityMesh
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.renderer import Renderer
 from viewer.runtime.loop import FrameTimes, run_walk
-from viewer.scene.scene import Scene
+from viewer.scene.scene import WalkScene
 from viewer.techniques.catalogue import make_technique
 from viewer.walks.walk import Walk
 
@@ -20,7 +20,7 @@ PAPER = {
     "O2": {"full": 1.0, "local": 14.5, "visible": 4.3, "single-mesh": 15.9, "multi-mesh": 10.9},
     "InfiniteReality": {"full": 3.3, "local": 118.4, "visible": 18.4, "single-mesh": 103.3, "multi-mesh": 85.0},
 }
-"""Frame rates of the paper's table 1, Hz."""
+"""DrawnPicture rates of the paper's table 1, Hz."""
 _TRIANGLE_BYTES = 3 * 4 + 2 * 28
 """Three indices, and two vertices of 28 bytes: walls are quads of their own."""
 _TURN = 1.0
@@ -56,7 +56,13 @@ def detailed(mesh: CityMesh, side: int) -> CityMesh:
 
 
 def rounds(
-    scenes: Mapping[str, Scene], walk: Walk, techniques: Sequence[str], *, fps: float, rounds: int, warm: bool = False
+    scenes: Mapping[str, WalkScene],
+    walk: Walk,
+    techniques: Sequence[str],
+    *,
+    fps: float,
+    rounds: int,
+    warm: bool = False,
 ) -> tuple[dict[str, list[list[FrameTimes]]], dict[str, int]]:
     """``rounds`` times the walk by each technique, caches empty at first, or ``warm``: after the same walk.
 

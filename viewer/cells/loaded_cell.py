@@ -20,7 +20,7 @@ from mmi.capture.layer_values import LayerPicture
 from mmi.dataset.cell_files import read_depths, read_pictures
 from viewer.cells.layer_atlas import BORDER, bordered, shelves
 from viewer.plan import CellKey
-from viewer.scene.scene import Scene
+from viewer.scene.scene import WalkScene
 
 __all__ = ["LoadedCell", "LoadedLayer", "load_cell"]
 
@@ -63,7 +63,9 @@ class LoadedCell:
         return self.size[0] * self.size[1] * (12 if measured else 8) + meshes
 
 
-def load_cell(scene: Scene, cell: str, *, measured: bool = False, rest: Callable[[], None] | None = None) -> LoadedCell:
+def load_cell(
+    scene: WalkScene, cell: str, *, measured: bool = False, rest: Callable[[], None] | None = None
+) -> LoadedCell:
     """Read a cell's files; with ``measured`` object ids too, as indices into the city's objects.
 
     Spends its time where other threads can run, and calls ``rest`` now and then, so that it can leave them the processor.

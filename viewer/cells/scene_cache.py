@@ -10,7 +10,7 @@ from viewer.cells.cell_cache import CellCache, LayerStore
 from viewer.cells.layer_atlas import BORDER, shelves
 from viewer.cells.loaded_cell import LoadedCell, load_cell
 from viewer.plan import CellKey
-from viewer.scene.scene import Scene
+from viewer.scene.scene import WalkScene
 
 __all__ = ["cell_cache"]
 
@@ -22,7 +22,7 @@ _TRIANGLE_BYTES = 12 + 36  # three indices; a vertex and a half, which small pie
 
 
 def cell_cache(
-    scenes: Mapping[str, Scene], store: LayerStore, *, measured: bool = False, capacity: int = 512 << 20
+    scenes: Mapping[str, WalkScene], store: LayerStore, *, measured: bool = False, capacity: int = 512 << 20
 ) -> CellCache:
     """A cache of at most ``capacity`` bytes for the cells of all ``scenes``; ``measured``: with what measuring needs."""
 

@@ -42,7 +42,7 @@ class MeshBuffers:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Triangles:
-    """Some triangles of a mesh: ``arrays`` by whether frames are measured."""
+    """Some triangles of a mesh: ``arrays`` by whether pictures are measured."""
 
     count: int
     arrays: Mapping[bool, Any]

@@ -2,7 +2,7 @@
 
 Headless through EGL, in software (Mesa) or on a GPU. The city's geometry is one vertex buffer; a set of objects is an index
 buffer, one draw. All layers of a cell that a view may show are two draws: triangles as they are, and those that need captured
-depths (``mmi.meshing.ordering``), their texture projected from where it was captured. A measured frame also yields, per
+depths (``mmi.meshing.ordering``), their texture projected from where it was captured. A measured picture also has, per
 pixel, the object, its depth, and by what angle an impostor's surface is displaced from the one that was captured (DESIGN
 section 6).
 """
@@ -27,7 +27,7 @@ from mmi.foundation.errors import CaptureError
 from viewer.cells.loaded_cell import LoadedCell, LoadedLayer
 from viewer.drawing.backdrop import backdrop
 from viewer.drawing.buffers import CellBuffers, MeshBuffers, Program, Triangles
-from viewer.drawing.frame import Frame
+from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.shaders import KINDS, program_source
 from viewer.drawing.thread_turns import turns_after
 from viewer.plan import CellKey, CellLayers, Draw, Ground, Objects, Plan, Sky
@@ -46,9 +46,9 @@ _SWITCH_INTERVAL = 5e-4
 
 
 class Renderer:
-    """One city in one OpenGL context, drawing frames of a size. Use as a context manager.
+    """One city in one OpenGL context, drawing pictures of one size. Use as a context manager.
 
-    ``measured`` keeps what measuring needs (object ids of layers). ``samples``: multisampling of unmeasured frames.
+    ``measured`` keeps what measuring needs (object ids of layers). ``samples``: multisampling of unmeasured pictures.
     Raises CaptureError where no OpenGL context can be had.
     """
 
@@ -147,10 +147,10 @@ class Renderer:
 
     # --------------------------------------------------------------------------------------------------- drawing
 
-    def draw(self, plan: Plan, view: View, *, measured: bool = False, read: bool = True) -> Frame:
-        """Draw ``plan`` as ``view`` sees it. Without ``read``, ``color`` is empty: for timing frames.
+    def draw(self, plan: Plan, view: View, *, measured: bool = False, read: bool = True) -> DrawnPicture:
+        """Draw ``plan`` as ``view`` sees it. Without ``read``, ``color`` is empty: for timing.
 
-        In a measured frame, ids, depth and displacement are those of ``draws``, whatever fades. Raises KeyError where a layer
+        In a measured picture, ids, depth and displacement are those of ``draws``, whatever fades. Raises KeyError where a layer
         is drawn that was not uploaded, ValueError for measuring with a renderer that was not made for it.
         """
         if measured and not self.measured:
@@ -165,13 +165,13 @@ class Renderer:
             sent = (seconds, self._timer.elapsed * 1e-9, triangles, draws)
             color = self._color(measured) if read else np.empty((0, 0, 3), dtype=np.uint8)
             if not measured:
-                return Frame(color, None, None, None, *sent)
+                return DrawnPicture(color, None, None, None, *sent)
             target = self._targets[True]
             ids = self._read(target, 1, 1, "i4").reshape(self.size[::-1])
             surface = self._read(target, 2, 2, "f4").reshape(*self.size[::-1], 2)
             depth = np.where(surface[..., 0] > 1e29, np.inf, surface[..., 0]).astype(np.float32)
             displacement = np.where(surface[..., 1] < 0.0, np.nan, surface[..., 1]).astype(np.float32)
-            return Frame(color, ids, depth, displacement, *sent)
+            return DrawnPicture(color, ids, depth, displacement, *sent)
 
     def _draw(self, plan: Plan, view: View, measured: bool) -> tuple[int, int]:
         if plan.mix >= 1.0:

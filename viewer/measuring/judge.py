@@ -27,18 +27,18 @@ from mmi.foundation.camera import View
 from mmi.foundation.errors import CaptureError
 from mmi.foundation.processes import without_interrupts
 from viewer.cells.cell_cache import CellCache
-from viewer.drawing.frame import Frame
+from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.disocclusion import disocclusion_mask, panorama_views
 from viewer.measuring.view_errors import ViewErrors, WrongRegions, view_errors, wrong_regions
 from viewer.plan import Plan, Technique
-from viewer.scene.scene import Scene
+from viewer.scene.scene import WalkScene
 from viewer.walks.walk import Pose
 
 __all__ = ["Judge", "Scored", "WorstView"]
 
 _PENDING = 8
-"""Views that wait to be compared; each holds two frames."""
+"""Views that wait to be compared; each holds two pictures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ class Judge:
 
     def __init__(
         self,
-        scene: Scene,
+        scene: WalkScene,
         renderer: Renderer,
         cache: CellCache,
         *,
@@ -89,7 +89,7 @@ class Judge:
             self._pool = ProcessPoolExecutor(processes, get_context("spawn"), initializer=_ignore_interrupts)
             with without_interrupts():  # the first task starts all processes
                 self._pool.submit(os.getpid)
-        self._pending: list[tuple[_Where, Frame, Frame, Future[ViewErrors]]] = []
+        self._pending: list[tuple[_Where, DrawnPicture, DrawnPicture, Future[ViewErrors]]] = []
         self._worst: dict[str, list[tuple[float, float, int, WorstView]]] = {}
         self._scored: list[Scored] = []
         self._order = 0
@@ -103,35 +103,35 @@ class Judge:
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
 
-    def truth(self, plan: Plan, pose: Pose, cell: str) -> tuple[Frame, NDArray[np.bool_]]:
-        """The geometry's measured frame, and what of it cannot be seen from the reference viewpoint of ``cell``."""
+    def truth(self, plan: Plan, pose: Pose, cell: str) -> tuple[DrawnPicture, NDArray[np.bool_]]:
+        """The geometry's measured picture, and what of it cannot be seen from the reference viewpoint of ``cell``."""
         view = pose.view(self._camera)
-        frame = self._renderer.draw(plan, view, measured=True)
-        assert frame.depth is not None
-        return frame, disocclusion_mask(frame.depth, view, self._captured(plan, pose, cell))
+        picture = self._renderer.draw(plan, view, measured=True)
+        assert picture.depth is not None
+        return picture, disocclusion_mask(picture.depth, view, self._captured(plan, pose, cell))
 
     def score(
         self,
         technique: Technique,
         plan: Plan,
         pose: Pose,
-        truth: tuple[Frame, NDArray[np.bool_]],
+        truth: tuple[DrawnPicture, NDArray[np.bool_]],
         *,
         cell: str,
         time: float | None = None,
-    ) -> Frame:
-        """Draw a technique's ``plan`` and compare it with ``truth``; the frame."""
-        frame, hidden = truth
+    ) -> DrawnPicture:
+        """Draw a technique's ``plan`` and compare it with ``truth``; the picture."""
+        picture, hidden = truth
         self._cache.want(plan.cells)
         self._cache.require(plan.cells)
         shown = self._renderer.draw(plan, pose.view(self._camera), measured=True)
         where = _Where(technique.name, cell, pose, time)
-        task = (frame, shown, self._camera.focal, hidden, self._flip)
+        task = (picture, shown, self._camera.focal, hidden, self._flip)
         if self._pool is None:
-            self._settle(where, frame, shown, _compare(*task))
+            self._settle(where, picture, shown, _compare(*task))
         else:
             with _while_alive():
-                self._pending.append((where, frame, shown, self._pool.submit(_compare, *task)))
+                self._pending.append((where, picture, shown, self._pool.submit(_compare, *task)))
         if len(self._pending) > _PENDING:
             self._settle_first()
         return shown
@@ -154,7 +154,7 @@ class Judge:
             errors = future.result()
         self._settle(where, truth, shown, errors)
 
-    def _settle(self, where: _Where, truth: Frame, shown: Frame, errors: ViewErrors) -> None:
+    def _settle(self, where: _Where, truth: DrawnPicture, shown: DrawnPicture, errors: ViewErrors) -> None:
         scored = Scored(*where, errors)
         self._scored.append(scored)
         if not self._keep or not errors.wrong_share:
@@ -198,7 +198,9 @@ class _Where(NamedTuple):
     time: float | None
 
 
-def _compare(truth: Frame, shown: Frame, focal: float, disoccluded: NDArray[np.bool_], flip: bool) -> ViewErrors:
+def _compare(
+    truth: DrawnPicture, shown: DrawnPicture, focal: float, disoccluded: NDArray[np.bool_], flip: bool
+) -> ViewErrors:
     return view_errors(truth, shown, focal=focal, disoccluded=disoccluded, flip=flip)
 
 

@@ -1,6 +1,6 @@
 """How wrong a picture is, where whole-image averages hide it (DESIGN section 6).
 
-A technique's frame is compared with one of the geometry, from the same view by the same renderer. A pixel is wrong where
+A technique's picture is compared with one of the geometry, from the same view by the same renderer. A pixel is wrong where
 it shows another object (ground and sky count as objects), and a hole where the geometry shows an object and the technique
 ground or sky. What a viewer notices is how thick the regions are that wrong pixels form. FLIP, SSIM and PSNR are for
 comparison with others' figures.
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
 from mmi.foundation.thickness import thickness
-from viewer.drawing.frame import Frame
+from viewer.drawing.drawn_picture import DrawnPicture
 
 __all__ = [
     "ViewErrors",
@@ -69,17 +69,22 @@ class WrongRegions:
 
 
 def view_errors(
-    truth: Frame, shown: Frame, *, focal: float, disoccluded: NDArray[np.bool_] | None = None, flip: bool = True
+    truth: DrawnPicture,
+    shown: DrawnPicture,
+    *,
+    focal: float,
+    disoccluded: NDArray[np.bool_] | None = None,
+    flip: bool = True,
 ) -> ViewErrors:
-    """Compare two measured frames of the same view; ``focal`` is the view's, in pixels.
+    """Compare two measured pictures of the same view; ``focal`` is the view's, in pixels.
 
-    ``disoccluded`` (h, w) says where the geometry's frame shows what no layer can have captured
+    ``disoccluded`` (h, w) says where the geometry's picture shows what no layer can have captured
     (``viewer.measuring.disocclusion``). FLIP takes most of the time; without ``flip`` it is left out. Raises ValueError for
-    frames that were not measured or read, and where sizes differ.
+    pictures that were not measured or read, and where sizes differ.
     """
     regions = wrong_regions(truth, shown)
     if shown.displacement is None:
-        raise ValueError("two measured frames expected, found one without displacement")
+        raise ValueError("two measured pictures expected, found one without displacement")
     size = regions.wrong.shape
     for name, array in (("color", truth.color), ("color", shown.color), ("disoccluded", disoccluded)):
         if array is not None and array.shape[:2] != size:
@@ -104,20 +109,20 @@ def view_errors(
     )
 
 
-def wrong_regions(truth: Frame, shown: Frame) -> WrongRegions:
-    """Where ``shown`` shows another object than ``truth``, both measured frames of the same view.
+def wrong_regions(truth: DrawnPicture, shown: DrawnPicture) -> WrongRegions:
+    """Where ``shown`` shows another object than ``truth``, both measured pictures of the same view.
 
-    Raises ValueError for frames that were not measured or differ in size.
+    Raises ValueError for pictures that were not measured or differ in size.
     """
     if truth.object_ids is None or shown.object_ids is None:
-        raise ValueError("two measured frames expected, found one without object ids")
+        raise ValueError("two measured pictures expected, found one without object ids")
     if truth.object_ids.shape != shown.object_ids.shape:
-        raise ValueError(f"frames of one size expected, found {truth.object_ids.shape} and {shown.object_ids.shape}")
+        raise ValueError(f"pictures of one size expected, found {truth.object_ids.shape} and {shown.object_ids.shape}")
     wrong = truth.object_ids != shown.object_ids
     return WrongRegions(wrong, (truth.object_ids >= 0) & (shown.object_ids < 0))
 
 
-def beyond_resampling(truth: Frame, shown: Frame) -> WrongRegions:
+def beyond_resampling(truth: DrawnPicture, shown: DrawnPicture) -> WrongRegions:
     """What is left of :func:`wrong_regions` where a pixel may take its object from any of the 3 x 3 pixels around it.
 
     Texels of a capture and pixels of a view are two grids, and what is seen through both may be off by up to a pixel. That
@@ -134,7 +139,7 @@ def beyond_resampling(truth: Frame, shown: Frame) -> WrongRegions:
     background, a pixel where it ends and a pixel where it should begin; and all of a pattern of few objects, finer than two
     pixels.
 
-    Raises ValueError for frames that were not measured or differ in size.
+    Raises ValueError for pictures that were not measured or differ in size.
     """
     regions = wrong_regions(truth, shown)
     assert truth.object_ids is not None and shown.object_ids is not None
@@ -142,10 +147,12 @@ def beyond_resampling(truth: Frame, shown: Frame) -> WrongRegions:
     return WrongRegions(regions.wrong & ~forgiven, regions.holes & ~forgiven)
 
 
-def pop(before_shown: Frame, after_shown: Frame, before_truth: Frame, after_truth: Frame) -> float:
+def pop(
+    before_shown: DrawnPicture, after_shown: DrawnPicture, before_truth: DrawnPicture, after_truth: DrawnPicture
+) -> float:
     """How much more a technique's picture changes than the geometry's does for the same motion: at a cell switch, say.
 
-    The mean FLIP between the technique's frames less that between the geometry's; below 0 where the geometry changes more.
+    The mean FLIP between the technique's pictures less that between the geometry's; below 0 where the geometry changes more.
     """
     shown, truth = flip_map(before_shown.color, after_shown.color), flip_map(before_truth.color, after_truth.color)
     return _mean(shown) - _mean(truth)

@@ -14,7 +14,7 @@ from mmi.foundation.processes import usable_cores
 from mmi.programs.command_line import Parser, ProgressBar, names_option, path_option, run_program
 
 if TYPE_CHECKING:
-    from viewer.scene.scene import Scene
+    from viewer.scene.scene import WalkScene
     from viewer.walks.walk import Walk
 
 __all__ = ["compare_impostors"]
@@ -131,7 +131,7 @@ def _compare(options: argparse.Namespace) -> None:
         raise ParameterError(f"--{names.get(name, name)}{colon}{rest}") from None
     path = read_walk(options.path) if options.path is not None else None
 
-    def made(scene: Scene) -> Walk:
+    def made(scene: WalkScene) -> Walk:
         neighbours = {entry.id: entry.neighbours for entry in scene.dataset.manifest.cells}
         walk = tour(scene.whereabouts.cells, neighbours, metres=options.tour, speed=options.speed, seed=options.seed)
         if options.save_path is not None:

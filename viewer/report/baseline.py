@@ -8,19 +8,19 @@ from pathlib import Path
 
 from mmi.building.dataset import build_dataset
 from mmi.dataset.reading import open_dataset
-from viewer.scene.scene import Scene, open_scene
+from viewer.scene.scene import WalkScene, open_scene
 
 __all__ = ["single_mesh_scene"]
 
 
 def single_mesh_scene(
-    scene: Scene,
+    scene: WalkScene,
     folder: Path,
     cells: Sequence[str],
     *,
     workers: int = 1,
     progress: Callable[[int, int, str], None] | None = None,
-) -> Scene:
+) -> WalkScene:
     """The baseline of the paper: ``cells`` of ``scene`` built again in ``folder`` with one layer a view, or found there.
 
     Raises DatasetError where ``folder`` holds something else, CaptureError where OpenGL fails.

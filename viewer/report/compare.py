@@ -20,7 +20,7 @@ from mmi.dataset.reading import Dataset, open_dataset
 from mmi.foundation.errors import ParameterError
 from viewer.cells.cell_cache import CacheReport, CellCache
 from viewer.cells.scene_cache import cell_cache
-from viewer.drawing.frame import Frame
+from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.judge import Judge, Scored
 from viewer.measuring.summary import frame_summary, summarise
@@ -42,7 +42,7 @@ from viewer.report.page import write_report
 from viewer.report.pictures import side_by_side
 from viewer.report.video import VideoWriter
 from viewer.runtime.loop import FrameTimes, run_walk
-from viewer.scene.scene import Scene, open_scene
+from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import LAYERED, TECHNIQUES, make_technique
 from viewer.walks.random_views import random_views
 from viewer.walks.walk import Step, Walk
@@ -122,7 +122,7 @@ def compare_views(
     scenes = _scenes(main, out, cells, options, tell)
     camera = main.camera
     # Timed first, in peace: comparing takes all processors.
-    frames: dict[str, list[Frame]] = {name: [] for name in options.techniques}
+    pictures: dict[str, list[DrawnPicture]] = {name: [] for name in options.techniques}
     with (
         _renderer(main, measured=False, samples=options.samples) as renderer,
         cell_cache(scenes, renderer, capacity=options.cache) as cache,
@@ -136,7 +136,7 @@ def compare_views(
                 cache.want(plan.cells)
                 cache.require(plan.cells)
                 again = [renderer.draw(plan, view, read=False) for _ in range(_TIMINGS)]
-                frames[name].append(sorted(again, key=lambda frame: frame.seconds)[_TIMINGS // 2])
+                pictures[name].append(sorted(again, key=lambda picture: picture.seconds)[_TIMINGS // 2])
     with (
         _renderer(main, measured=True, samples=0) as renderer,
         cell_cache(scenes, renderer, measured=True, capacity=options.cache) as cache,
@@ -157,11 +157,11 @@ def compare_views(
         name: summarise([one.errors for one in scores[name]])
         | {
             "pop": None,
-            "frame_ms": frame_summary([frame.seconds for frame in frames[name]]),
-            "gpu_ms": gpu_times([frame.gpu_seconds for frame in frames[name]]),
+            "frame_ms": frame_summary([picture.seconds for picture in pictures[name]]),
+            "gpu_ms": gpu_times([picture.gpu_seconds for picture in pictures[name]]),
             "loading": None,
         }
-        | mean_sent([(frame.triangles, frame.draws) for frame in frames[name]])
+        | mean_sent([(picture.triangles, picture.draws) for picture in pictures[name]])
         for name in options.techniques
     }
     report = report_of(main, device, mode="views", views=views, seed=seed, techniques=techniques)
@@ -173,7 +173,7 @@ def compare_views(
 def compare_walk(
     dataset: Path,
     out: Path,
-    walk: Walk | Callable[[Scene], Walk],
+    walk: Walk | Callable[[WalkScene], Walk],
     *,
     mode: str = "path",
     options: CompareOptions | None = None,
@@ -256,7 +256,7 @@ def compare_walk(
 # ------------------------------------------------------------------------------------------------- what is opened
 
 
-def _open(dataset: Path, out: Path) -> Scene:
+def _open(dataset: Path, out: Path) -> WalkScene:
     """The scene of a dataset, with a folder for its report outside of it, where no build touches the dataset."""
     found: Dataset = open_dataset(dataset)
     here, inside = found.path.resolve(), out.resolve()
@@ -268,7 +268,9 @@ def _open(dataset: Path, out: Path) -> Scene:
     return open_scene(found, name="multi-mesh")
 
 
-def _scenes(main: Scene, out: Path, cells: Iterable[str], options: CompareOptions, tell: Progress) -> dict[str, Scene]:
+def _scenes(
+    main: WalkScene, out: Path, cells: Iterable[str], options: CompareOptions, tell: Progress
+) -> dict[str, WalkScene]:
     """The scenes that the techniques need."""
     scenes = {"multi-mesh": main}
     if "single-mesh" in options.techniques:
@@ -282,16 +284,16 @@ def _scenes(main: Scene, out: Path, cells: Iterable[str], options: CompareOption
     return scenes
 
 
-def _renderer(scene: Scene, *, measured: bool, samples: int) -> Renderer:
+def _renderer(scene: WalkScene, *, measured: bool, samples: int) -> Renderer:
     size = (scene.camera.width, scene.camera.height)
     return Renderer(scene.mesh, scene.ground, size=size, measured=measured, samples=samples)
 
 
-def _judge(scene: Scene, renderer: Renderer, cache: CellCache, options: CompareOptions) -> Judge:
+def _judge(scene: WalkScene, renderer: Renderer, cache: CellCache, options: CompareOptions) -> Judge:
     return Judge(scene, renderer, cache, keep=options.keep, flip=options.flip, workers=options.workers)
 
 
-def _places(scene: Scene, steps: Sequence[Step]) -> list[str]:
+def _places(scene: WalkScene, steps: Sequence[Step]) -> list[str]:
     """The cells that a walk comes through."""
     names: list[str] = []
     current = None
@@ -306,8 +308,8 @@ def _places(scene: Scene, steps: Sequence[Step]) -> list[str]:
 
 
 def _score_walk(
-    main: Scene,
-    scenes: Mapping[str, Scene],
+    main: WalkScene,
+    scenes: Mapping[str, WalkScene],
     steps: Sequence[Step],
     runs: Mapping[str, Sequence[FrameTimes]],
     out: Path,
@@ -336,7 +338,7 @@ def _score_walk(
         _judge(main, renderer, cache, options) as judge,
         film as add,
     ):
-        before: dict[str, Frame] = {}
+        before: dict[str, DrawnPicture] = {}
         for step in steps:
             tell("frames", step.index, len(steps))
             view = step.pose.view(main.camera)

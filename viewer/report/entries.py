@@ -14,7 +14,7 @@ from viewer.measuring.judge import Judge, Scored
 from viewer.measuring.summary import frame_summary
 from viewer.report.pictures import save_picture, triptych
 from viewer.runtime.loop import FrameTimes
-from viewer.scene.scene import Scene
+from viewer.scene.scene import WalkScene
 
 __all__ = [
     "by_technique",
@@ -30,7 +30,7 @@ __all__ = [
 
 
 def report_of(
-    scene: Scene,
+    scene: WalkScene,
     device: str,
     *,
     mode: str,

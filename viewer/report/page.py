@@ -137,7 +137,7 @@ def _page(report: Mapping[str, Any], folder: Path) -> str:
             "Errors along the walk; the axes are logarithmic above their first mark",
         )
         plots = [
-            _figure(frame_times(report["series"]), "Frame time along the walk, on a logarithmic axis"),
+            _figure(frame_times(report["series"]), "DrawnPicture time along the walk, on a logarithmic axis"),
             errors,
             *plots,
         ]

@@ -16,7 +16,7 @@ from typing import Protocol
 
 from mmi.foundation.camera import Camera, View
 from viewer.cells.cell_cache import CellCache
-from viewer.drawing.frame import Frame
+from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.thread_turns import turns_after
 from viewer.plan import Budget, Plan, Technique
 from viewer.walks.walk import Step
@@ -37,7 +37,7 @@ milliseconds. It gets it while OpenGL draws."""
 class Painter(Protocol):
     """What draws plans: a renderer, or a test's double of one."""
 
-    def draw(self, plan: Plan, view: View, *, read: bool = True) -> Frame:
+    def draw(self, plan: Plan, view: View, *, read: bool = True) -> DrawnPicture:
         """Draw ``plan`` as ``view`` sees it."""
         ...
 
@@ -74,7 +74,7 @@ def run_walk(
     camera: Camera,
     budget: float = 1.0 / 30.0,
     read: bool = False,
-    shown: Callable[[Step, View, Plan, Frame], None] | None = None,
+    shown: Callable[[Step, View, Plan, DrawnPicture], None] | None = None,
 ) -> list[FrameTimes]:
     """Draw every step of a walk with a technique; what each frame took.
 
@@ -94,8 +94,8 @@ def run_walk(
             planned = time.perf_counter() - start
             loading = cache.require((*plan.cells, *plan.ahead[:1]), counted=False) if step.cut else 0.0
             waiting = cache.require(plan.cells)
-            frame = painter.draw(plan, view, read=read)
-            spent = planned + waiting + frame.seconds
+            picture = painter.draw(plan, view, read=read)
+            spent = planned + waiting + picture.seconds
             usual = ranked[len(ranked) // 2] if ranked else spent
             uploading = cache.spend(_UPLOADING * usual) if spent <= _DEAR * usual else 0.0
             total = spent + uploading
@@ -106,13 +106,13 @@ def run_walk(
                     entered=plan.place != place and not step.cut,
                     cut=step.cut,
                     total=total,
-                    drawing=frame.seconds,
-                    gpu=frame.gpu_seconds,
+                    drawing=picture.seconds,
+                    gpu=picture.gpu_seconds,
                     uploading=uploading,
                     waiting=waiting,
                     loading=loading,
-                    triangles=frame.triangles,
-                    draws=frame.draws,
+                    triangles=picture.triangles,
+                    draws=picture.draws,
                 )
             )
             last, place = total, plan.place
@@ -121,5 +121,5 @@ def run_walk(
             recent.append(spent)
             insort(ranked, spent)
             if shown is not None:
-                shown(step, view, plan, frame)
+                shown(step, view, plan, picture)
     return times

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from viewer.scene.scene import CellScene, Scene
+from viewer.scene.scene import CellContents, WalkScene
 
-__all__ = ["Follower", "Step"]
+__all__ = ["Follower", "Move"]
 
 _STILL = 1e-3
 """Metres below which a movement has no direction."""
@@ -18,14 +18,14 @@ _LONGEST_STEP = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Step:
+class Move:
     """Where the viewer is now.
 
     ``entered`` says that it was in another cell before, or nowhere; ``jumped`` that it cannot have walked here. ``ahead``
     are cells that it may come to, soonest first.
     """
 
-    cell: CellScene
+    cell: CellContents
     entered: bool
     jumped: bool
     ahead: tuple[str, ...]
@@ -34,13 +34,13 @@ class Step:
 class Follower:
     """The state of a viewer who moves through the cells of a scene."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: WalkScene) -> None:
         self._scene = scene
-        self._cell: CellScene | None = None
+        self._cell: CellContents | None = None
         self._eye: NDArray[np.float64] | None = None
         self._heading: tuple[float, float] | None = None
 
-    def move(self, eye: NDArray[np.float64]) -> Step:
+    def move(self, eye: NDArray[np.float64]) -> Move:
         """The viewer is at ``eye`` (3,) now."""
         current = None if self._cell is None else self._cell.cell.id
         whereabouts = self._scene.whereabouts
@@ -58,4 +58,4 @@ class Follower:
             elif length > _STILL:
                 self._heading = (x / length, y / length)
         self._eye = np.array(eye)
-        return Step(self._cell, entered, jumped, whereabouts.ahead(eye, name, self._heading))
+        return Move(self._cell, entered, jumped, whereabouts.ahead(eye, name, self._heading))

@@ -24,14 +24,14 @@ from viewer.plan import Ground
 from viewer.scene.frustum import box_corners, window_corners, within_view
 from viewer.scene.whereabouts import Whereabouts
 
-__all__ = ["CellScene", "Scene", "open_scene"]
+__all__ = ["CellContents", "WalkScene", "open_scene"]
 
 _FAR_GROUND_PX = 2.0
 """Pixels below the horizon that stay without the ground's details, where it is too far away for them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CellScene:
+class CellContents:
     """A cell and its impostor, as far as the manifest tells.
 
     ``near`` and ``visible`` are indices into the city's objects. ``layers`` are names sorted from the nearest to the
@@ -50,7 +50,7 @@ class CellScene:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class WalkScene:
     """What techniques know. ``name`` is that of its layers in plans; ``objects`` maps ids to places in ``mesh``."""
 
     name: str
@@ -69,13 +69,13 @@ class Scene:
         """The display that the dataset was built for."""
         return self.parameters.camera
 
-    def cell(self, name: str) -> CellScene:
+    def cell(self, name: str) -> CellContents:
         """What the manifest says of a cell. Raises DatasetError where it is none of the dataset's."""
         entry = self.dataset.cell(name)
         near = self._indices(entry.near)
         described = sorted(entry.pictures, key=lambda pair: (pair[1].depth[0], pair[1].name))
         hulls = [window_corners(entry.view(sector, one), *one.depth) for sector, one in described]
-        return CellScene(
+        return CellContents(
             cell=entry.viewing_cell,
             near=near,
             visible=np.union1d(near, self._indices(entry.far)),
@@ -110,7 +110,7 @@ class Scene:
             ) from error
 
 
-def open_scene(dataset: Dataset, *, name: str, like: Scene | None = None) -> Scene:
+def open_scene(dataset: Dataset, *, name: str, like: WalkScene | None = None) -> WalkScene:
     """Open a dataset for walking; ``like`` is one of the same city whose geometry is there already.
 
     Raises DatasetError where the dataset has no cells, a file is missing or damaged, or ``like`` shows another city.
@@ -127,7 +127,7 @@ def open_scene(dataset: Dataset, *, name: str, like: Scene | None = None) -> Sce
         terrain, objects = city.terrain, city.index()
     else:
         terrain, objects = like.terrain, dict(like.objects)
-    return Scene(
+    return WalkScene(
         name=name,
         dataset=dataset,
         parameters=manifest.parameters,

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 from mmi.foundation.errors import ParameterError
 from viewer.plan import Technique
-from viewer.scene.scene import Scene
+from viewer.scene.scene import WalkScene
 from viewer.techniques.geometry import CellGeometry, FullGeometry
 from viewer.techniques.layered import LayeredImpostors
 
@@ -21,7 +21,7 @@ LAYERED = ("single-mesh", "multi-mesh")
 TECHNIQUES = ("full", "visible", "local", *LAYERED)
 
 
-def make_technique(name: str, scenes: Mapping[str, Scene], *, fade: float = 0.0) -> Technique:
+def make_technique(name: str, scenes: Mapping[str, WalkScene], *, fade: float = 0.0) -> Technique:
     """A fresh technique, which knows of no viewer yet. ``scenes``: ``multi-mesh``, and ``single-mesh`` where that is asked for.
 
     Raises ParameterError for an unknown name.

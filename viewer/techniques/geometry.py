@@ -13,7 +13,7 @@ import numpy as np
 from mmi.foundation.camera import View
 from viewer.plan import Budget, Objects, Plan, Sky
 from viewer.scene.follower import Follower
-from viewer.scene.scene import Scene
+from viewer.scene.scene import WalkScene
 
 __all__ = ["CellGeometry", "FullGeometry"]
 
@@ -23,7 +23,7 @@ class FullGeometry:
 
     name = "full"
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: WalkScene) -> None:
         self._scene = scene
         self._all = Objects("all", np.arange(len(scene.mesh.triangle_counts)))
 
@@ -35,7 +35,7 @@ class FullGeometry:
 class CellGeometry:
     """The potentially visible objects of the viewer's cell, or only those that impostors leave as geometry."""
 
-    def __init__(self, scene: Scene, which: Literal["visible", "local"]) -> None:
+    def __init__(self, scene: WalkScene, which: Literal["visible", "local"]) -> None:
         self.name = which
         self._scene, self._follower = scene, Follower(scene)
 

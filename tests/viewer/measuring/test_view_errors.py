@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from mmi.foundation.thickness import thickness
-from viewer.drawing.frame import Frame
+from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.measuring.view_errors import beyond_resampling, flip_map, pop, psnr, ssim, view_errors, wrong_regions
 
 
@@ -16,7 +16,7 @@ def frame(ids, *, displacement=None, color=None):
     ids = np.asarray(ids, dtype=np.int32)
     moved = np.full(ids.shape, np.nan, dtype=np.float32) if displacement is None else displacement
     picture = np.zeros((*ids.shape, 3), dtype=np.uint8) if color is None else color
-    return Frame(picture, ids, np.ones(ids.shape, dtype=np.float32), moved, 0.0, None, 0, 0)
+    return DrawnPicture(picture, ids, np.ones(ids.shape, dtype=np.float32), moved, 0.0, None, 0, 0)
 
 
 def plain(color, size=(16, 20)):
@@ -389,7 +389,7 @@ def test_pictures_smaller_than_any_window_are_measured(height, width):
 
 def test_frames_must_be_measured_and_of_one_size():
     ids = np.zeros((3, 3), dtype=np.int32)
-    blind = Frame(np.zeros((3, 3, 3), dtype=np.uint8), None, None, None, 0.0, None, 0, 0)
+    blind = DrawnPicture(np.zeros((3, 3, 3), dtype=np.uint8), None, None, None, 0.0, None, 0, 0)
     with pytest.raises(ValueError, match="measured"):
         view_errors(frame(ids), blind, focal=1.0)
     with pytest.raises(ValueError, match="without displacement"):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from viewer.cells.scene_cache import cell_cache
-from viewer.drawing.frame import Frame
+from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.plan import Plan
 from viewer.runtime.loop import run_walk
 from viewer.techniques.catalogue import TECHNIQUES, make_technique
@@ -42,7 +42,7 @@ class Painter:
             if hasattr(draw, "names"):
                 assert set(draw.names) <= self.there.get(draw.cell, set()), "drawn before it was there"
         self.plans.append(plan)
-        return Frame(np.empty((0, 0, 3), np.uint8), None, None, None, 0.001, None, 10, 2)
+        return DrawnPicture(np.empty((0, 0, 3), np.uint8), None, None, None, 0.001, None, 10, 2)
 
 
 def run(scenes, name, *, capacity=1 << 30, slowly=0.0, patient=False):

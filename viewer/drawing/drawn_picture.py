@@ -1,6 +1,6 @@
 """What drawing a plan gives: the picture, what it cost, and where it was measured what each pixel shows.
 
-A value of its own so that measures and reports run without OpenGL; ``viewer.drawing.renderer`` makes frames.
+A value of its own so that measures and reports run without OpenGL; ``viewer.drawing.renderer`` makes them.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Frame"]
+__all__ = ["DrawnPicture"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Frame:
-    """A drawn frame, top row first.
+class DrawnPicture:
+    """One drawn view, top row first.
 
     ``color`` (h, w, 3) uint8 sRGB. Where measured: ``object_ids`` (h, w) int32, -2 the ground, -1 the sky; ``depth``
     (h, w) float32 metres along the axis, ``inf`` for the sky; ``displacement`` (h, w) float32 radians between where an
