@@ -2,5 +2,5 @@
 
 Errors and the camera (``errors``, ``camera``), chords between points of one capture ray (``ray_chords``), the thickness of a
 region (``thickness``), sRGB (``srgb``), files that are whole or not there (``whole_files``), JSON and fingerprints
-(``json_forms``), processes and the stopwatch.
+(``json_forms``), functions from outside the package (``plug_ins``), processes and the stopwatch.
 """
