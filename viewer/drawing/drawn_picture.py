@@ -20,8 +20,8 @@ class DrawnPicture:
     ``color`` (h, w, 3) uint8 sRGB. Where measured: ``object_ids`` (h, w) int32, -2 the ground, -1 the sky; ``depth``
     (h, w) float32 metres along the axis, ``inf`` for the sky; ``displacement`` (h, w) float32 radians between where an
     impostor's surface is drawn and where its texel was captured, as the viewer sees them, NaN where the pixel shows no
-    impostor. ``seconds`` from first call to finished picture; ``gpu_seconds`` what the GPU reports, None where it was not
-    asked; ``triangles`` and ``draws`` sent.
+    impostor. ``seconds`` from first call to finished picture; ``gpu_seconds`` what the GPU reports, None where that
+    means nothing (``viewer.drawing.renderer.gpu_seconds``); ``triangles`` and ``draws`` sent.
     """
 
     color: NDArray[np.uint8]

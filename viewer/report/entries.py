@@ -141,9 +141,9 @@ def mean_sent(counts: Sequence[tuple[int, int]]) -> dict[str, float]:
 
 
 def gpu_times(seconds: Sequence[float | None]) -> dict[str, float] | None:
-    """Percentiles of what the GPU reports, milliseconds; None where it does not."""
+    """Percentiles of what the GPU reports, milliseconds; None where it does not do so for all pictures."""
     times = [one for one in seconds if one is not None]
-    return frame_summary(times) if times else None
+    return frame_summary(times) if len(times) == len(seconds) else None
 
 
 def loading_of(report: CacheReport, run: Sequence[FrameTimes]) -> dict[str, Any]:

@@ -9,7 +9,8 @@ from mmi.capture.renderer import Capturer
 from mmi.foundation.camera import level_view, view_towards
 from mmi.foundation.errors import CaptureError
 from viewer.cells.loaded_cell import load_cell
-from viewer.drawing.renderer import Renderer
+from viewer.drawing.opengl import is_software
+from viewer.drawing.renderer import Renderer, gpu_seconds
 from viewer.plan import CellKey, CellLayers, Ground, Objects, Plan, Sky
 
 SIZE = (320, 240)
@@ -217,8 +218,24 @@ def test_time_is_told(scene, place, renderer):
     frame = renderer.draw(everything(scene), look(place, 0.3), read=False)
     assert frame.color.size == 0
     assert 0.0 < frame.seconds < 60.0
-    assert 0.0 <= frame.gpu_seconds < 60.0
+    assert (frame.gpu_seconds is None) == is_software(renderer.device)
+    assert frame.gpu_seconds is None or 0.0 < frame.gpu_seconds <= 1.05 * frame.seconds
     assert renderer.device
+
+
+def test_times_of_the_gpu_that_mean_nothing_are_not_told():
+    card = "NVIDIA H200/PCIe/SSE2"
+    assert gpu_seconds(3_000_000, seconds=0.004, device=card) == pytest.approx(0.003)
+    assert gpu_seconds(2**32 - 1, seconds=0.004, device=card) is None, "a query that overflowed"
+    assert gpu_seconds(0, seconds=0.004, device=card) is None
+    for software in ("llvmpipe (LLVM 15.0.7, 256 bits)", "softpipe", "Mesa swrast", "Software Rasterizer"):
+        assert gpu_seconds(3_000_000, seconds=0.004, device=software) is None
+    assert not is_software(card)
+
+
+def test_a_draw_of_no_known_kind_is_refused(place, renderer):
+    with pytest.raises(AssertionError, match="unreachable"):
+        renderer.draw(Plan(("a moving tram",)), look(place, 0.3))
 
 
 def test_measuring_needs_ids_of_layers(scene):

@@ -1,0 +1,234 @@
+"""Impostor layers of cells: their pictures in one atlas a cell, their texture projected from where it was captured.
+
+All layers of a cell that a view may show are two draws: triangles as they are, and those that need captured depths
+(``mmi.meshing.ordering``). For the latter (``CAPTURED_DEPTH``) each fragment takes the depth of the surface point that its
+texel captured, as this view sees it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from mmi.foundation.camera import View
+from mmi.foundation.errors import CaptureError
+from viewer.cells.loaded_cell import LoadedCell, LoadedLayer
+from viewer.drawing.kinds.meshes import Triangles
+from viewer.drawing.programs import Programs
+from viewer.plan import CellKey, CellLayers
+
+__all__ = ["LayersDrawer"]
+
+_MOST_VIEWS = 16
+"""Sets of layers of a cell kept as index buffers; a viewer who turns around meets a new one every few degrees."""
+_VERTEX_BYTES = 24
+_SAMPLE_ALPHA_TO_COVERAGE = 0x809E
+_VERTEX = """
+in vec3 position;
+in vec3 texture_from_capture;  // texture coordinates times depth in the capture, and that: linear in space, so projective
+uniform vec3 captured_from;
+out vec3 at;
+#if defined(MEASURED) || defined(CAPTURED_DEPTH)
+out float depth;
+#endif
+#ifdef MEASURED
+out vec3 world;                // relative to the capture's eye
+#endif
+void main() {
+    vec3 p = eye_from_world * (position - eye);
+    at = texture_from_capture;
+#if defined(MEASURED) || defined(CAPTURED_DEPTH)
+    depth = -p.z;
+#endif
+#ifdef MEASURED
+    world = position - captured_from;
+#endif
+    gl_Position = project(p);
+}
+"""
+_FRAGMENT = """
+uniform sampler2D picture;
+in vec3 at;
+#if defined(MEASURED) || defined(CAPTURED_DEPTH)
+in float depth;
+uniform sampler2D depths;
+uniform float ahead;           // how far the capture's eye is ahead of the viewer, along the axis
+#endif
+#ifdef MEASURED
+in vec3 world;
+uniform isampler2D ids;
+uniform vec3 viewer;           // relative to the capture's eye
+#endif
+void main() {
+    vec2 uv = at.xy / at.z;
+    vec4 color = texture(picture, uv);
+#ifdef COVERAGE
+    color.a = clamp((color.a - 0.5) / max(fwidth(color.a), 1e-4) + 0.5, 0.0, 1.0);
+    if (color.a <= 0.0) discard;
+    color_out = color;
+#else
+    if (color.a < 0.5) discard;
+    color_out = vec4(color.rgb, 1.0);
+#endif
+#if defined(MEASURED) || defined(CAPTURED_DEPTH)
+    ivec2 size = textureSize(depths, 0);
+    ivec2 nearest = clamp(ivec2(floor(uv * vec2(size))), ivec2(0), size - 1);
+    float captured_depth = texelFetch(depths, nearest, 0).r;
+    if (isinf(captured_depth)) captured_depth = at.z;
+    float stretch = captured_depth / max(at.z, 1e-6);  // the captured point, on one ray from the capture's eye
+    float shown_depth = depth;
+#endif
+#ifdef CAPTURED_DEPTH
+    shown_depth = max(ahead + stretch * (depth - ahead), clip.x);
+    gl_FragDepth = (clip.y - clip.y * clip.x / shown_depth) / (clip.y - clip.x);
+#endif
+#ifdef MEASURED
+    int id = texelFetch(ids, nearest, 0).r;
+    for (int k = 0; k < 9 && id < 0; ++k) {  // the filter reaches half a texel beyond the silhouette
+        ivec2 other = clamp(nearest + ivec2(k % 3, k / 3) - 1, ivec2(0), size - 1);
+        id = texelFetch(ids, other, 0).r;
+    }
+    id_out = id;
+    vec3 a = normalize(world - viewer), b = normalize(world * stretch - viewer);
+    surface_out = vec2(shown_depth, id < 0 ? -1.0 : atan(length(cross(a, b)), dot(a, b)));
+#endif
+}
+"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _CellOnGpu:
+    """A cell's layers on the GPU: their atlas and vertices; of each layer that is there its triangles, as indices into all.
+
+    ``sets`` are the triangles of layers that were drawn together: those drawn as they are, and those that need captured depths.
+    """
+
+    eye: NDArray[np.float64]
+    textures: tuple[Any, ...]
+    vertices: Any
+    first_vertex: Mapping[str, int]
+    triangles: dict[str, tuple[NDArray[np.int32], NDArray[np.int32]]]
+    sets: dict[tuple[str, ...], tuple[Triangles, Triangles]]
+
+    def release(self) -> None:
+        """Free it."""
+        for pair in self.sets.values():
+            for some in pair:
+                some.release()
+        for thing in (*self.textures, self.vertices):
+            thing.release()
+
+
+class LayersDrawer:
+    """Draws :class:`viewer.plan.CellLayers`, of cells that were uploaded; ``measured`` keeps object ids of layers as well."""
+
+    def __init__(self, programs: Programs, *, measured: bool) -> None:
+        self._context, self._smooth, self._measured = programs.context, programs.smooth, measured
+        self._programs = (
+            programs.make(_VERTEX, _FRAGMENT),
+            programs.make(_VERTEX, _FRAGMENT, flags=("CAPTURED_DEPTH",)),
+        )
+        self._cells: dict[CellKey, _CellOnGpu] = {}
+        self._rooms: dict[CellKey, list[Any]] = {}  # of cells that still make room
+
+    def upload_layer(self, cell: LoadedCell, layer: LoadedLayer) -> bool:
+        """As :meth:`viewer.drawing.renderer.Renderer.upload_layer`."""
+        there = self._cells.get(cell.key)
+        if there is None:
+            self._make_room(cell)
+            return False
+        if layer.name not in there.triangles:
+            self._fill(there, layer)
+        return True
+
+    def evict(self, cell: CellKey) -> None:
+        """Free a cell's layers; nothing where they are not there."""
+        for texture in self._rooms.pop(cell, ()):
+            texture.release()
+        if cell in self._cells:
+            self._cells.pop(cell).release()
+
+    def draw(self, draw: CellLayers, view: View, *, measured: bool) -> list[int]:
+        """At most two calls. Raises KeyError where a layer was not uploaded."""
+        if not draw.names:
+            return []
+        cell = self._cells[draw.cell]
+        if draw.names not in cell.sets:
+            if len(cell.sets) >= _MOST_VIEWS:
+                for some in cell.sets.pop(next(iter(cell.sets))):
+                    some.release()
+            cell.sets[draw.names] = self._layer_set(cell, draw.names)
+        for unit, texture in enumerate(cell.textures):
+            texture.use(unit)
+        if self._smooth(measured):
+            self._context.enable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
+        values = {
+            "captured_from": cell.eye.astype("f4").tobytes(),
+            "viewer": (view.eye - cell.eye).astype("f4").tobytes(),
+            "ahead": np.float32(view.project(cell.eye[None])[0, 2]).tobytes(),
+        }
+        counts = []
+        for program, some in zip(self._programs, cell.sets[draw.names], strict=True):
+            if some.count:
+                program[measured].set(values)
+                some.arrays[measured].render()
+                counts.append(some.count)
+        if self._smooth(measured):
+            self._context.disable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
+        return counts
+
+    def _layer_set(self, cell: _CellOnGpu, names: tuple[str, ...]) -> tuple[Triangles, Triangles]:
+        """Triangles of some layers of a cell, in this order. Raises KeyError where one is not there."""
+        parts = [cell.triangles[name] for name in names]
+        layout = [(cell.vertices, "3f 3f", "position", "texture_from_capture")]
+        sets = []
+        for k, programs in enumerate(self._programs):
+            triangles = np.concatenate([np.empty((0, 3), dtype=np.int32), *(part[k] for part in parts)])
+            indices = self._context.buffer(np.ascontiguousarray(triangles, dtype="<i4").tobytes() or b"none")
+            arrays = {
+                mode: self._context.vertex_array(program.program, layout, indices)
+                for mode, program in programs.items()
+                if len(triangles)
+            }
+            sets.append(Triangles(len(triangles), arrays, indices))
+        return sets[0], sets[1]
+
+    def _make_room(self, cell: LoadedCell) -> None:
+        """Make the next texture for the layers of a cell; after the last one, the rest of the room for them."""
+        limit = self._context.info["GL_MAX_TEXTURE_SIZE"]
+        if max(cell.size) > limit:
+            raise CaptureError(
+                f"OpenGL here has textures of at most {limit} texels a side, and a cell needs {cell.size}"
+            )
+        kinds = [(4, "f1", moderngl.LINEAR), (1, "f4", moderngl.NEAREST)]
+        if self._measured:
+            kinds.append((1, "i4", moderngl.NEAREST))
+        textures = self._rooms.setdefault(cell.key, [])
+        components, dtype, smoothing = kinds[len(textures)]
+        texture = self._context.texture(cell.size, components, dtype=dtype, alignment=1)
+        texture.filter = (smoothing, smoothing)  # texels are about as large as pixels: no mipmaps
+        texture.repeat_x = texture.repeat_y = False
+        textures.append(texture)
+        if len(textures) < len(kinds):
+            return
+        counts = [len(layer.vertices) for layer in cell.layers]
+        first = dict(zip((layer.name for layer in cell.layers), np.cumsum([0, *counts]).tolist(), strict=False))
+        vertices = self._context.buffer(reserve=max(sum(counts), 1) * _VERTEX_BYTES)
+        self._cells[cell.key] = _CellOnGpu(cell.eye, tuple(self._rooms.pop(cell.key)), vertices, first, {}, {})
+
+    def _fill(self, cell: _CellOnGpu, layer: LoadedLayer) -> None:
+        """Put a layer where there is room for it."""
+        if self._measured and layer.object_ids is None:
+            raise ValueError(f"layer {layer.name}: object ids expected for measuring, found none")
+        height, width = layer.depth.shape
+        for texture, values in zip(cell.textures, (layer.pixels, layer.depth, layer.object_ids), strict=False):
+            texture.write(np.ascontiguousarray(values).tobytes(), viewport=(*layer.corner, width, height), alignment=1)
+        first = cell.first_vertex[layer.name]
+        cell.vertices.write(layer.vertices.astype("<f4").tobytes(), offset=first * _VERTEX_BYTES)
+        triangles = layer.triangles + np.int32(first)
+        cell.triangles[layer.name] = triangles[: layer.plain], triangles[layer.plain :]

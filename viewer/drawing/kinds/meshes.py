@@ -1,0 +1,121 @@
+"""Textured meshes on the GPU: a vertex buffer for each, and an index buffer for each set of objects that is drawn together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from mmi.appearance.city_mesh import CityMesh, triangles_of
+from viewer.drawing.programs import Program, Programs
+
+__all__ = ["GROUND_ID", "DrawnMesh", "MeshProgram", "Triangles"]
+
+GROUND_ID = -2
+"""What pixels of the ground have for an object in measured pictures."""
+_MOST_SETS = 64
+"""Sets of objects kept as index buffers; a walk meets a new one in every cell."""
+_VERTEX = """
+in vec3 position; in vec2 uv; in vec3 color; in int object;
+out vec2 at; out vec3 tint; flat out int which; out float depth;
+void main() {
+    vec3 p = eye_from_world * (position - eye);
+    at = uv; tint = color; which = object; depth = -p.z;
+    gl_Position = project(p);
+}
+"""
+_FRAGMENT = """
+uniform sampler2D picture;
+in vec2 at; in vec3 tint; flat in int which; in float depth;
+void main() {
+    color_out = vec4(texture(picture, at, -0.75).rgb * tint, 1.0);
+#ifdef MEASURED
+    id_out = which; surface_out = vec2(depth, -1.0);
+#endif
+}
+"""
+_Programs = Mapping[bool, Program]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Triangles:
+    """Some triangles on the GPU: ``arrays`` by whether pictures are measured."""
+
+    count: int
+    arrays: Mapping[bool, Any]
+    indices: Any
+
+    def release(self) -> None:
+        """Free it."""
+        for thing in (*self.arrays.values(), self.indices):
+            thing.release()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshProgram:
+    """The program that draws all meshes, made once."""
+
+    programs: Mapping[bool, Program]
+
+    @classmethod
+    def made_by(cls, programs: Programs) -> MeshProgram:
+        """Compile it."""
+        return cls(programs.make(_VERTEX, _FRAGMENT))
+
+
+class DrawnMesh:
+    """A mesh whose vertices and texture are on the GPU. ``ids`` (n,) say which object each vertex counts as when measured."""
+
+    def __init__(self, context: Any, program: MeshProgram, mesh: CityMesh, ids: NDArray[np.int64]) -> None:  # noqa: ANN401
+        self._context, self._programs, self._mesh = context, program.programs, mesh
+        layout = np.dtype([("position", "<f4", 3), ("uv", "<f4", 2), ("color", "u1", 4), ("object", "<i4")])
+        vertices = np.zeros(len(mesh.positions), dtype=layout)
+        vertices["position"], vertices["uv"] = mesh.positions, mesh.uv
+        vertices["color"][:, :3], vertices["object"] = mesh.colors, ids
+        self._vertices = context.buffer(vertices.tobytes())
+        self._texture = self._upload_texture(mesh.texture)
+        self._sets: dict[object, Triangles] = {}
+
+    def draw(self, key: object, objects: NDArray[np.int64], *, measured: bool) -> list[int]:
+        """Draw some ``objects`` (n,) of the mesh. The same ``key`` means the same objects: their indices are kept for it."""
+        some = self._kept(key, objects)
+        if not some.count:
+            return []
+        self._texture.use(0)
+        some.arrays[measured].render()
+        return [some.count]
+
+    def _kept(self, key: object, objects: NDArray[np.int64]) -> Triangles:
+        """Triangles of some objects, made when first drawn and kept until enough others were drawn more recently."""
+        found = self._sets.pop(key, None)
+        if found is None:
+            found = self._triangles(triangles_of(self._mesh, objects))
+            if len(self._sets) >= _MOST_SETS:
+                self._sets.pop(next(iter(self._sets))).release()
+        self._sets[key] = found
+        return found
+
+    def _triangles(self, triangles: NDArray[np.int32]) -> Triangles:
+        if not len(triangles):
+            return Triangles(0, {}, self._context.buffer(reserve=4))
+        indices = self._context.buffer(np.ascontiguousarray(triangles, dtype="<i4").tobytes())
+        arrays = {}
+        for mode, program in self._programs.items():
+            layout = ["3f 2f 3f1 x1 1i" if mode else "3f 2f 3f1 x1 x4", "position", "uv", "color"]
+            if mode:
+                layout.append("object")
+            arrays[mode] = self._context.vertex_array(program.program, [(self._vertices, *layout)], indices)
+        return Triangles(len(triangles), arrays, indices)
+
+    def _upload_texture(self, pixels: NDArray[np.uint8]) -> Any:  # noqa: ANN401
+        texture = self._context.texture(
+            pixels.shape[1::-1], pixels.shape[2], np.ascontiguousarray(pixels).tobytes(), alignment=1
+        )
+        texture.build_mipmaps()
+        texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        texture.repeat_x = texture.repeat_y = True
+        return texture

@@ -1,0 +1,25 @@
+"""Geometry of some of the city's objects."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mmi.appearance.city_mesh import CityMesh
+from viewer.drawing.kinds.meshes import DrawnMesh, MeshProgram
+from viewer.plan import Objects
+
+__all__ = ["ObjectsDrawer"]
+
+
+class ObjectsDrawer:
+    """Draws :class:`viewer.plan.Objects` of the city's mesh."""
+
+    def __init__(self, context: Any, program: MeshProgram, mesh: CityMesh) -> None:  # noqa: ANN401
+        owners = np.repeat(np.arange(len(mesh.triangle_counts)), np.diff(mesh.object_vertices))
+        self._mesh = DrawnMesh(context, program, mesh, owners)
+
+    def draw(self, draw: Objects, *, measured: bool) -> list[int]:
+        """One call for all objects of the set; none where they have no triangles."""
+        return self._mesh.draw(draw.key, draw.objects, measured=measured)

@@ -1,0 +1,116 @@
+"""OpenGL programs: what every shader of the viewer begins with, and what it is told about the view.
+
+A kind of draw (``viewer.drawing.kinds``) brings its own vertex and fragment shader as GLSL 3.30 text without a head. The head
+declares the view (``eye_from_world``, ``eye``, ``projection``, ``clip``), ``project`` and the outputs, and defines flags:
+
+    MEASURED    the program also puts out, per pixel, the object, its depth along the axis, and by what angle an impostor's
+                surface is displaced (-1 where geometry, ground or sky shows)
+    COVERAGE    for multisampling: silhouettes of layers become coverage of samples
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from mmi.foundation.camera import View
+
+__all__ = ["SCREEN_VERTEX", "Program", "Programs"]
+
+_NEAR, _FAR = 0.1, 20_000.0
+_TEXTURE_UNITS = ("picture", "depths", "ids")
+"""Names of samplers; the place in this list is the texture unit."""
+_COMMON = """
+uniform mat3 eye_from_world;
+uniform vec3 eye;
+uniform vec4 projection;  // x and y scale, x and y offset
+uniform vec2 clip;        // near, far
+vec4 project(vec3 p) {    // p in the eye's frame
+    return vec4(projection.x * p.x - projection.z * p.z, projection.y * p.y - projection.w * p.z,
+                (clip.y + clip.x) / (clip.x - clip.y) * p.z + 2.0 * clip.x * clip.y / (clip.x - clip.y), -p.z);
+}
+"""
+_OUTPUTS = """
+layout(location = 0) out vec4 color_out;
+#ifdef MEASURED
+layout(location = 1) out int id_out;
+layout(location = 2) out vec2 surface_out;  // depth along the axis, displacement as an angle
+#endif
+"""
+SCREEN_VERTEX = """
+out vec2 at;
+void main() {
+    at = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0;
+    gl_Position = vec4(at, 0.9999999, 1.0);
+}
+"""
+"""One triangle over the whole picture, behind everything; ``at`` goes from -1 to 1 over it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Program:
+    """A program and those of its uniforms that the compiler has kept."""
+
+    program: Any
+    uniforms: Mapping[str, Any]
+
+    def set(self, values: Mapping[str, bytes]) -> None:
+        """Set uniforms; what the program does not use is passed over."""
+        for name, value in values.items():
+            if name in self.uniforms:
+                self.uniforms[name].write(value)
+
+
+class Programs:
+    """All programs of one OpenGL context. ``modes`` says for which pictures there are some: measured ones (true) or not.
+
+    ``samples`` is the multisampling of unmeasured pictures.
+    """
+
+    def __init__(self, context: Any, *, measured: bool, samples: int) -> None:  # noqa: ANN401
+        self.context, self.samples = context, samples
+        self.modes = (False, True) if measured else (False,)
+        self._made: dict[bool, list[Program]] = {mode: [] for mode in self.modes}
+
+    def make(
+        self, vertex: str, fragment: str, *, flags: Sequence[str] = (), measures: bool = True
+    ) -> Mapping[bool, Program]:
+        """A program for each of ``modes``; one that does not measure puts out colour only, whatever the picture."""
+        made = {}
+        for mode in self.modes:
+            defined = [
+                *(["MEASURED"] if mode and measures else []),
+                *(["COVERAGE"] if self.smooth(mode) else []),
+                *flags,
+            ]
+            head = "\n".join(["#version 330", *(f"#define {flag}" for flag in defined)]) + _COMMON
+            program = self.context.program(vertex_shader=head + vertex, fragment_shader=head + _OUTPUTS + fragment)
+            uniforms = {name: program[name] for name in program if isinstance(program[name], moderngl.Uniform)}
+            for unit, name in enumerate(_TEXTURE_UNITS):
+                if name in uniforms:
+                    uniforms[name].value = unit
+            made[mode] = Program(program, uniforms)
+            self._made[mode].append(made[mode])
+        return made
+
+    def smooth(self, measured: bool) -> bool:
+        """Whether such pictures are multisampled."""
+        return self.samples > 0 and not measured
+
+    def look_through(self, view: View, *, measured: bool) -> None:
+        """Tell all programs for such pictures what the next draws are seen through."""
+        left, top, width, height = view.window
+        f = view.focal
+        projection = (2.0 * f / width, 2.0 * f / height, -(2.0 * left / width + 1.0), 2.0 * top / height + 1.0)
+        values = {
+            "eye_from_world": np.ascontiguousarray(view.eye_from_world[:3, :3].T, dtype="f4").tobytes(),
+            "eye": view.eye.astype("f4").tobytes(),
+            "projection": np.array(projection, dtype="f4").tobytes(),
+            "clip": np.array([_NEAR, _FAR], dtype="f4").tobytes(),
+        }
+        for program in self._made[measured]:
+            program.set(values)

@@ -1,0 +1,91 @@
+"""What is drawn into, and read back: framebuffers of one size, for pictures that are measured and for those that are not."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from viewer.drawing.programs import Programs
+
+__all__ = ["Measures", "Targets"]
+
+_SKY_DEPTH = 1e29
+"""Metres from which on a depth stands for the sky's."""
+
+
+class Measures(NamedTuple):
+    """What a measured picture says of each pixel, as in :class:`viewer.drawing.drawn_picture.DrawnPicture`; (h, w) each."""
+
+    object_ids: NDArray[np.int32]
+    depth: NDArray[np.float32]
+    displacement: NDArray[np.float32]
+
+
+class Targets:
+    """Framebuffers of ``size`` (width, height), one for each of the modes of ``programs``."""
+
+    def __init__(self, programs: Programs, size: tuple[int, int]) -> None:
+        self.size = size
+        self._context, self._programs = programs.context, programs
+        self._whole = {mode: self._framebuffer(mode) for mode in programs.modes}
+        self._colors = {
+            mode: self._context.framebuffer([whole.color_attachments[0]]) for mode, whole in self._whole.items()
+        }
+        self.resolved: Any = self._context.texture(size, 4)
+        """Colours without samples, after :meth:`resolve`."""
+        self._resolving = self._context.framebuffer([self.resolved])
+
+    def clear(self, *, measured: bool) -> None:
+        """Begin a picture."""
+        whole = self._whole[measured]
+        whole.use()
+        whole.clear(0.0, 0.0, 0.0, 1.0)
+        self._context.enable_only(moderngl.DEPTH_TEST)
+
+    def use_color(self, *, measured: bool) -> None:
+        """Draw on into the colours alone."""
+        self._colors[measured].use()
+
+    def resolve(self, *, measured: bool) -> None:
+        """Copy the colours into ``resolved``, samples of a pixel averaged."""
+        self._context.copy_framebuffer(self._resolving, self._colors[measured])
+
+    def color(self, *, measured: bool) -> NDArray[np.uint8]:
+        """(h, w, 3) sRGB, the top row first."""
+        source = self._whole[measured]
+        if self._programs.smooth(measured):
+            self.resolve(measured=measured)
+            source = self._resolving
+        return np.ascontiguousarray(self._read(source, 0, 4, "u1").reshape(*self.size[::-1], 4)[..., :3])
+
+    def measures(self) -> Measures:
+        """What the measured picture says besides colours, the top row first."""
+        whole = self._whole[True]
+        ids = self._read(whole, 1, 1, "i4").reshape(self.size[::-1])
+        surface = self._read(whole, 2, 2, "f4").reshape(*self.size[::-1], 2)
+        depth = np.where(surface[..., 0] > _SKY_DEPTH, np.inf, surface[..., 0]).astype(np.float32)
+        displacement = np.where(surface[..., 1] < 0.0, np.nan, surface[..., 1]).astype(np.float32)
+        return Measures(ids, depth, displacement)
+
+    def _framebuffer(self, measured: bool) -> Any:  # noqa: ANN401
+        context, size = self._context, self.size
+        if not measured:
+            samples = self._programs.samples
+            return context.framebuffer(
+                [context.renderbuffer(size, 4, samples=samples)], context.depth_renderbuffer(size, samples=samples)
+            )
+        return context.framebuffer(
+            [
+                context.renderbuffer(size, 4),
+                context.renderbuffer(size, 1, dtype="i4"),
+                context.renderbuffer(size, 2, dtype="f4"),
+            ],
+            context.depth_renderbuffer(size),
+        )
+
+    def _read(self, source: Any, attachment: int, components: int, dtype: str) -> NDArray[Any]:  # noqa: ANN401
+        data = source.read(components=components, attachment=attachment, dtype="f1" if dtype == "u1" else dtype)
+        return np.frombuffer(data, dtype=dtype).reshape(self.size[1], -1)[::-1]
