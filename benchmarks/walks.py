@@ -11,7 +11,7 @@ import numpy as np
 from mmi.appearance.city_mesh import CityMesh
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.renderer import Renderer
-from viewer.runtime.loop import FrameTimes, run_walk
+from viewer.runtime.loop import FrameLoop, FrameTimes, run_walk
 from viewer.scene.scene import WalkScene
 from viewer.techniques.catalogue import make_technique
 from viewer.walks.walk import Walk
@@ -85,14 +85,17 @@ def rounds(
                     for name, cache in caches.items():
                         if name not in scenes:
                             continue  # nothing to load
-                        run_walk(turns, make_technique(name, scenes), renderer, cache, camera=camera)
+                        run_walk(turns, FrameLoop(make_technique(name, scenes), renderer, cache, camera=camera))
                         cache.want(())
-                walkers = {name: make_technique(name, scenes) for name in techniques}
+                loops = {
+                    name: FrameLoop(make_technique(name, scenes), renderer, cache, camera=camera)
+                    for name, cache in caches.items()
+                }
                 frames: dict[str, list[FrameTimes]] = {name: [] for name in techniques}
                 for start in range(0, len(turns), each):
                     for name, cache in caches.items():
                         steps = turns[start : start + each : 8 if name in ("full", "visible") else 1]
-                        frames[name] += run_walk(steps, walkers[name], renderer, cache, camera=camera)
+                        frames[name] += run_walk(steps, loops[name])
                         cache.want(())
                         time.sleep(_SETTLING)  # for the cell that was being loaded
                 for name, cache in caches.items():

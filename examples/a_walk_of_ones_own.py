@@ -12,7 +12,7 @@ from PIL import Image
 from mmi.dataset.reading import open_dataset
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.renderer import Renderer
-from viewer.runtime.loop import run_walk
+from viewer.runtime.loop import FrameLoop
 from viewer.scene.scene import open_scene
 from viewer.techniques.catalogue import make_technique
 from viewer.walks.walk import Keyframe, Pose, Walk
@@ -25,23 +25,14 @@ def main(folder: Path, picture: Path) -> list:
     azimuth = float(np.arctan2(cell.q[1] - cell.p[1], cell.q[0] - cell.p[0]))
     start, end = (Pose((*point, sum(cell.eye) / 2), azimuth, 0.0) for point in (cell.p, cell.q))
     walk = Walk("along the first cell", (Keyframe(0.0, start), Keyframe(cell.length / 1.5, end)))
-    frames = []
     with (
         Renderer(scene.mesh, scene.ground, size=(camera.width, camera.height), samples=4) as renderer,
         cell_cache(scenes, renderer) as cache,
     ):
-        technique = make_technique("multi-mesh", scenes)
-        steps = walk.frames(10.0)
-        times = run_walk(
-            steps,
-            technique,
-            renderer,
-            cache,
-            camera=camera,
-            read=True,
-            shown=lambda *seen: frames.append(seen[-1].color),
-        )
-    Image.fromarray(np.hstack([frames[0], frames[-1]])).save(picture)
+        loop = FrameLoop(make_technique("multi-mesh", scenes), renderer, cache, camera=camera)
+        frames = [loop.frame(step.pose, step.time, cut=step.cut, read=True) for step in walk.frames(10.0)]
+    Image.fromarray(np.hstack([frames[0].picture.color, frames[-1].picture.color])).save(picture)
+    times = [frame.times for frame in frames]
     milliseconds = 1e3 * float(np.median([one.total for one in times]))
     print(f"{walk.metres:.0f} m in {len(times)} frames of {milliseconds:.1f} ms, first and last in {picture}")
     return times

@@ -41,7 +41,7 @@ from viewer.report.entries import (
 from viewer.report.page import write_report
 from viewer.report.pictures import side_by_side
 from viewer.report.video import VideoWriter
-from viewer.runtime.loop import FrameTimes, run_walk
+from viewer.runtime.loop import FrameLoop, FrameTimes, run_walk
 from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import LAYERED, TECHNIQUES, make_technique
 from viewer.walks.random_views import random_views
@@ -209,14 +209,9 @@ def compare_walk(
         ):
             device = renderer.device
             technique = make_technique(name, scenes, fade=options.fade)
-            runs[name] = run_walk(
-                steps,
-                technique,
-                renderer,
-                cache,
-                camera=main.camera,
-                budget=1.0 / options.frames_per_second,
-            )
+            budget = 1.0 / options.frames_per_second
+            loop = FrameLoop(technique, renderer, cache, camera=main.camera, budget=budget)
+            runs[name] = run_walk(steps, loop)
             loads[name] = cache.report
     tell("walks", len(options.techniques), len(options.techniques))
 

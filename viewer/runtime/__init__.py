@@ -1,1 +1,1 @@
-"""The frame loop (``loop``): plans are made, what they need is brought in, they are drawn, and all of it is timed."""
+"""The frame loop (``loop``): one frame when asked; what its plan needs is brought in, it is drawn, and all of it is timed."""

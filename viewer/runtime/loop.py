@@ -1,17 +1,21 @@
-"""The frame loop: plans are made, what they need is brought in, they are drawn, and all of it is timed.
+"""The frame loop: a plan is made, what it needs is brought in, it is drawn, and all of it is timed; a frame when asked.
 
-Where the viewer is comes from a walk and its fixed steps, never from the clock, so that a walk replayed gives the same plans
-and pictures on any machine. What a frame took is the time from asking for its plan to the finished picture, loading
+    loop = FrameLoop(technique, painter, cache, camera=camera)
+    frame = loop.frame(pose, time)          as often as a window, a held view or a replay wants one
+    run_walk(steps, loop)                   all frames of a walk, one at once after the other
+
+Where the viewer is comes from poses and times that are given, never from the clock, so that a walk replayed gives the same
+plans and pictures on any machine. What a frame took is the time from asking for its plan to the finished picture, loading
 included.
 """
 
 from __future__ import annotations
 
-import time
+import time as clock
 from bisect import bisect_left, insort
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from mmi.foundation.camera import Camera, View
@@ -19,16 +23,16 @@ from viewer.cells.cell_cache import CellCache
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.thread_turns import turns_after
 from viewer.plan import Budget, Plan, Technique
-from viewer.walks.walk import Step
+from viewer.walks.walk import Pose, Step
 
-__all__ = ["FrameTimes", "Painter", "run_walk"]
+__all__ = ["Frame", "FrameLoop", "FrameTimes", "Painter", "run_walk"]
 
 _UPLOADING = 0.1
 """Share of a usual frame's time that uploads of cells ahead may take in one."""
 _RECENT = 1024
-"""Frames whose median says what a frame takes."""
-_DEAR = 1.2
-"""Times that, from which on a frame is dear enough: uploads of cells ahead wait for another one."""
+"""Frames whose median says what a frame usually takes."""
+_COSTLY = 1.2
+"""Times the usual, from which on a frame has taken long enough: uploads of cells ahead wait for another one."""
 _SWITCH_INTERVAL = 1.0
 """Seconds after which the loading thread may take the interpreter from a frame: what reads files may not give it back for
 milliseconds. It gets it while OpenGL draws."""
@@ -65,61 +69,105 @@ class FrameTimes:
     draws: int
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """A frame that was drawn: from where, by which plan, its picture, and what it took."""
+
+    view: View
+    plan: Plan
+    picture: DrawnPicture
+    times: FrameTimes
+
+
+@dataclass(slots=True)
+class _Usual:
+    """What a frame usually takes: the median of the last ones."""
+
+    recent: deque[float] = field(default_factory=deque)
+    ranked: list[float] = field(default_factory=list)
+    """The same, sorted."""
+
+    def median(self, otherwise: float) -> float:
+        return self.ranked[len(self.ranked) // 2] if self.ranked else otherwise
+
+    def add(self, seconds: float) -> None:
+        if len(self.recent) == _RECENT:
+            del self.ranked[bisect_left(self.ranked, self.recent.popleft())]
+        self.recent.append(seconds)
+        insort(self.ranked, seconds)
+
+
+class FrameLoop:
+    """Draws frames of one viewer with one technique, when asked.
+
+    ``budget`` is the time that a frame should take, in seconds. ``cache`` brings in the cells that plans need, into what
+    ``painter`` draws from. Frames are asked for in the order of their times.
+    """
+
+    def __init__(
+        self, technique: Technique, painter: Painter, cache: CellCache, *, camera: Camera, budget: float = 1.0 / 30.0
+    ) -> None:
+        self._technique, self._painter, self._cache = technique, painter, cache
+        self._camera, self._budget = camera, budget
+        self._last: FrameTimes | None = None
+        self._usual = _Usual()
+
+    def frame(self, pose: Pose, time: float, *, cut: bool = False, read: bool = False) -> Frame:
+        """Draw what the viewer sees from ``pose`` at ``time`` (seconds), with its colours if ``read``.
+
+        ``cut`` says that the viewer was put here and did not come from where it was; so it is in the first frame. A pose that
+        is asked for again is a view that is held. Raises DatasetError where a cell's files are missing or damaged.
+        """
+        last = self._last
+        cut = cut or last is None
+        view = pose.view(self._camera)
+        with turns_after(_SWITCH_INTERVAL):
+            start = clock.perf_counter()
+            plan = self._technique.plan(
+                view, now=time, budget=Budget(self._budget, 0.0 if last is None else last.total)
+            )
+            self._cache.want(plan.cells, plan.ahead)
+            planned = clock.perf_counter() - start
+            loading = self._cache.require((*plan.cells, *plan.ahead[:1]), counted=False) if cut else 0.0
+            waiting = self._cache.require(plan.cells)
+            picture = self._painter.draw(plan, view, read=read)
+            spent = planned + waiting + picture.seconds
+            usual = self._usual.median(spent)
+            uploading = self._cache.spend(_UPLOADING * usual) if spent <= _COSTLY * usual else 0.0
+        self._usual.add(spent)
+        self._last = FrameTimes(
+            time=time,
+            cell=plan.place,
+            entered=not cut and last is not None and plan.place != last.cell,
+            cut=cut,
+            total=spent + uploading,
+            drawing=picture.seconds,
+            gpu=picture.gpu_seconds,
+            uploading=uploading,
+            waiting=waiting,
+            loading=loading,
+            triangles=picture.triangles,
+            draws=picture.draws,
+        )
+        return Frame(view, plan, picture, self._last)
+
+
 def run_walk(
     steps: Sequence[Step],
-    technique: Technique,
-    painter: Painter,
-    cache: CellCache,
+    loop: FrameLoop,
     *,
-    camera: Camera,
-    budget: float = 1.0 / 30.0,
     read: bool = False,
-    shown: Callable[[Step, View, Plan, DrawnPicture], None] | None = None,
+    shown: Callable[[Step, Frame], None] | None = None,
 ) -> list[FrameTimes]:
-    """Draw every step of a walk with a technique; what each frame took.
+    """Draw every step of a walk, each at once after the last; what each frame took.
 
-    ``budget`` is the time that a frame should take, in seconds. Each frame follows the last at once. ``shown`` gets each frame
-    after it was timed, with its colours if ``read``. Raises DatasetError where a cell's files are missing or damaged.
+    ``shown`` gets each frame after it was timed, with its colours if ``read``. Raises DatasetError where a cell's files are
+    missing or damaged.
     """
     times: list[FrameTimes] = []
-    last, place = 0.0, ""
-    recent: deque[float] = deque()
-    ranked: list[float] = []  # the same, sorted
-    with turns_after(_SWITCH_INTERVAL):
-        for step in steps:
-            view = step.pose.view(camera)
-            start = time.perf_counter()
-            plan = technique.plan(view, now=step.time, budget=Budget(budget, last))
-            cache.want(plan.cells, plan.ahead)
-            planned = time.perf_counter() - start
-            loading = cache.require((*plan.cells, *plan.ahead[:1]), counted=False) if step.cut else 0.0
-            waiting = cache.require(plan.cells)
-            picture = painter.draw(plan, view, read=read)
-            spent = planned + waiting + picture.seconds
-            usual = ranked[len(ranked) // 2] if ranked else spent
-            uploading = cache.spend(_UPLOADING * usual) if spent <= _DEAR * usual else 0.0
-            total = spent + uploading
-            times.append(
-                FrameTimes(
-                    time=step.time,
-                    cell=plan.place,
-                    entered=plan.place != place and not step.cut,
-                    cut=step.cut,
-                    total=total,
-                    drawing=picture.seconds,
-                    gpu=picture.gpu_seconds,
-                    uploading=uploading,
-                    waiting=waiting,
-                    loading=loading,
-                    triangles=picture.triangles,
-                    draws=picture.draws,
-                )
-            )
-            last, place = total, plan.place
-            if len(recent) == _RECENT:
-                del ranked[bisect_left(ranked, recent.popleft())]
-            recent.append(spent)
-            insort(ranked, spent)
-            if shown is not None:
-                shown(step, view, plan, picture)
+    for step in steps:
+        frame = loop.frame(step.pose, step.time, cut=step.cut, read=read)
+        times.append(frame.times)
+        if shown is not None:
+            shown(step, frame)
     return times

@@ -9,7 +9,7 @@ import pytest
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.plan import Plan
-from viewer.runtime.loop import run_walk
+from viewer.runtime.loop import FrameLoop, run_walk
 from viewer.techniques.catalogue import TECHNIQUES, make_technique
 from viewer.walks.walk import Keyframe, Pose, Walk
 
@@ -50,24 +50,18 @@ def run(scenes, name, *, capacity=1 << 30, slowly=0.0, patient=False):
     painter = Painter()
     seen = []
 
-    def between_frames(step, view, plan, frame):  # noqa: ARG001
+    def between_frames(step, frame):
         seen.append(step.index)
         time.sleep(slowly)
         end = time.monotonic() + 60.0
-        while patient and not all(cache.holds(cell) for cell in plan.ahead):
+        while patient and not all(cache.holds(cell) for cell in frame.plan.ahead):
             assert time.monotonic() < end
             cache.spend(1.0)
             time.sleep(0.001)
 
     with cell_cache(scenes, painter, capacity=capacity) as cache:
-        times = run_walk(
-            WALK.frames(10.0),
-            make_technique(name, scenes),
-            painter,
-            cache,
-            camera=scenes["multi-mesh"].camera,
-            shown=between_frames,
-        )
+        loop = FrameLoop(make_technique(name, scenes), painter, cache, camera=scenes["multi-mesh"].camera)
+        times = run_walk(WALK.frames(10.0), loop, shown=between_frames)
         report = cache.report
     assert seen == list(range(len(times)))
     return painter, times, report
@@ -130,7 +124,7 @@ class Spender:
         return 0.0
 
 
-def test_uploads_ahead_wait_for_frames_that_are_not_dear(scenes):
+def test_uploads_ahead_wait_for_frames_that_take_no_longer_than_usual(scenes):
     def seconds(frame):
         return 5.0 if frame % 10 in (7, 8, 9) or frame >= 100 else 1.0
 
@@ -142,12 +136,12 @@ def test_uploads_ahead_wait_for_frames_that_are_not_dear(scenes):
     painter = Scripted()
     cache = Spender(painter)
     technique = make_technique("multi-mesh", scenes)
-    times = run_walk(WALK.frames(10.0), technique, painter, cache, camera=scenes["multi-mesh"].camera)
-    dear = {i for i in range(len(times)) if seconds(i) == 5.0}
+    times = run_walk(WALK.frames(10.0), FrameLoop(technique, painter, cache, camera=scenes["multi-mesh"].camera))
+    slow = {i for i in range(len(times)) if seconds(i) == 5.0}
     given = {frame - 1 for frame in cache.frames}  # after it was drawn
-    assert not given & {i for i in dear if i <= 100}
-    assert set(range(100)) - dear <= given
-    assert {i for i in dear if i >= 150} <= given  # by then, that is what a frame takes
+    assert not given & {i for i in slow if i <= 100}
+    assert set(range(100)) - slow <= given
+    assert {i for i in slow if i >= 150} <= given  # by then, that is what a frame takes
 
 
 def test_a_frame_is_the_sum_of_its_parts(scenes):
@@ -156,3 +150,69 @@ def test_a_frame_is_the_sum_of_its_parts(scenes):
         assert one.drawing == 0.001
         assert one.total >= one.drawing + one.uploading + one.waiting
         assert (one.triangles, one.draws) == (10, 2)
+
+
+def loop_of(scenes, name, cache, painter):
+    return FrameLoop(make_technique(name, scenes), painter, cache, camera=scenes["multi-mesh"].camera)
+
+
+@pytest.mark.parametrize("name", TECHNIQUES)
+def test_stepping_by_hand_is_the_walk(scenes, name):
+    """Poses and times asked for one by one, without a word of cuts but the one that is there, give the walk's frames."""
+    whole, times, _ = run(scenes, name)
+    painter = Painter()
+    with cell_cache(scenes, painter) as cache:
+        loop = loop_of(scenes, name, cache, painter)
+        frames = [loop.frame(step.pose, step.time, cut=step.index == 120) for step in WALK.frames(10.0)]
+    assert all(a.same_as(b) for a, b in zip(whole.plans, painter.plans, strict=True))
+    assert all(frame.plan is plan for frame, plan in zip(frames, painter.plans, strict=True))
+    told = [(one.time, one.cell, one.entered, one.cut) for one in times]
+    assert [(one.times.time, one.times.cell, one.times.entered, one.times.cut) for one in frames] == told
+
+
+def test_a_view_that_is_held_shows_the_same_and_loads_what_is_ahead(scenes):
+    pose = WALK.keyframes[0].pose
+    painter = Painter()
+    with cell_cache(scenes, painter) as cache:
+        loop = loop_of(scenes, "multi-mesh", cache, painter)
+        first = loop.frame(pose, 0.0)
+        end, held = time.monotonic() + 60.0, []
+        while len(held) < 3 or not all(cache.holds(cell) for cell in first.plan.ahead):
+            assert time.monotonic() < end
+            held.append(loop.frame(pose, 0.1 * (len(held) + 1)))
+            time.sleep(0.01)
+        report = cache.report
+    assert first.times.cut, "the first frame is where the viewer was put"
+    assert not any(one.times.cut or one.times.entered or one.times.waiting or one.times.loading for one in held)
+    assert all(one.plan.draws[1:] == first.plan.draws[1:] and one.plan.place == first.plan.place for one in held)
+    assert report.cells_loaded == 1 + len(first.plan.ahead)
+
+
+def test_frames_that_are_replayed_have_the_same_plans(scenes):
+    """What a window's viewer did, asked for again in another rhythm and with another cache."""
+    asked = [(step.pose, step.time) for step in WALK.frames(4.0)] + [
+        (WALK.keyframes[-1].pose, 17.0 + i) for i in range(3)
+    ]
+    plans = []
+    for capacity in (1 << 30, 1):
+        painter = Painter()
+        with cell_cache(scenes, painter, capacity=capacity) as cache:
+            loop = loop_of(scenes, "multi-mesh", cache, painter)
+            plans.append([loop.frame(pose, at).plan for pose, at in asked])
+    assert all(a.same_as(b) for a, b in zip(*plans, strict=True))
+
+
+def test_a_technique_is_told_what_the_last_frame_took(scenes):
+    told = []
+
+    class Curious:
+        name = "curious"
+
+        def plan(self, view, *, now, budget):  # noqa: ARG002
+            told.append((now, budget.frame, budget.last_frame))
+            return Plan(())
+
+    painter = Painter()
+    loop = FrameLoop(Curious(), painter, Spender(painter), camera=scenes["multi-mesh"].camera, budget=0.02)
+    took = [loop.frame(WALK.keyframes[0].pose, float(at)).times.total for at in range(3)]
+    assert told == [(0.0, 0.02, 0.0), (1.0, 0.02, took[0]), (2.0, 0.02, took[1])]
