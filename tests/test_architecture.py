@@ -19,7 +19,7 @@ MAY_IMPORT = {"mmi": {"mmi"}, "citygen": {"citygen", "mmi"}, "viewer": {"viewer"
 FLOORS = {
     "mmi": (
         "foundation",
-        "city",
+        "city gltf",
         "reading appearance cells",
         "writing visibility",
         "parallax",

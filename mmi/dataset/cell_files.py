@@ -27,7 +27,7 @@ from PIL import Image
 from mmi.capture.layer_values import DepthTexture, GridMesh, Impostor, Layer, LayerPicture, Promise
 from mmi.city.model import City
 from mmi.dataset.folder import DatasetFolder
-from mmi.dataset.glb import GlbImage, GlbNode, GlbPrimitive, GlbScene, glb_bytes, read_glb
+from mmi.dataset.glb import GlbImage, GlbNode, GlbPrimitive, GlbContents, glb_bytes, read_glb
 from mmi.dataset.manifest import CellEntry, CellFiles, LayerEntry
 from mmi.dataset.reading import Dataset
 from mmi.foundation.camera import Camera, View
@@ -62,7 +62,7 @@ def write_cell(
         sectors[layer.sector].append(_layer_entry(layer, place, camera))
     nodes = tuple(_node(layer, image=i) for i, layer in enumerate(impostor.layers))
     images = tuple(_image(layer, quality) for layer in impostor.layers)
-    gltf = glb_bytes(GlbScene(nodes, images, {"cell": cell.id, "eye": cell.reference.tolist()}))
+    gltf = glb_bytes(GlbContents(nodes, images, {"cell": cell.id, "eye": cell.reference.tolist()}))
     glb, exr = folder.write(f"cells/{cell.id}.glb", gltf), None
     if impostor.layers:
         parts = [_part(layer, place) for layer in impostor.layers]
@@ -103,10 +103,10 @@ def read_pictures(dataset: Dataset, cell: str) -> tuple[LayerPicture, ...]:
     if not entry.pictures:
         return ()
     name = str(dataset.path / entry.files.glb.name)
-    scene = read_glb(dataset.read(entry.files.glb), name=name)
+    contents = read_glb(dataset.read(entry.files.glb), name=name)
     with _as_described(name):
-        nodes = {node.name: node for node in scene.nodes}
-        return tuple(_picture(entry, sector, one, nodes[one.name], scene.images) for sector, one in entry.pictures)
+        nodes = {node.name: node for node in contents.nodes}
+        return tuple(_picture(entry, sector, one, nodes[one.name], contents.images) for sector, one in entry.pictures)
 
 
 def read_depths(dataset: Dataset, cell: str) -> dict[str, tuple[NDArray[np.float32], NDArray[np.uint32]]]:

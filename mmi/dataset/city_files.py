@@ -11,7 +11,7 @@ from PIL import Image
 from mmi.appearance.city_mesh import CityMesh, build_city_mesh
 from mmi.appearance.ground_mesh import ground_mesh
 from mmi.city.model import City
-from mmi.dataset.glb import GlbImage, GlbNode, GlbPrimitive, GlbScene, glb_bytes, read_glb
+from mmi.dataset.glb import GlbContents, GlbImage, GlbNode, GlbPrimitive, glb_bytes, read_glb
 from mmi.dataset.reading import Dataset
 from mmi.foundation.errors import DatasetError
 from mmi.foundation.srgb import png_bytes
@@ -34,8 +34,8 @@ def city_glb(city: City) -> tuple[bytes, int]:
     tiles = range(len(ground.triangle_counts))
     nodes += [GlbNode(f"ground/{i}", _primitives(ground, i, image=1)) for i in tiles]
     images = tuple(GlbImage(png_bytes(one.texture, quick=True), repeat=True) for one in (mesh, ground))
-    scene = GlbScene(tuple(nodes), images, {"crs": city.crs, "origin": list(city.origin), "source": city.source})
-    return glb_bytes(scene), len(mesh.triangles)
+    contents = GlbContents(tuple(nodes), images, {"crs": city.crs, "origin": list(city.origin), "source": city.source})
+    return glb_bytes(contents), len(mesh.triangles)
 
 
 def read_city_mesh(dataset: Dataset) -> tuple[CityMesh, CityMesh]:
@@ -46,10 +46,11 @@ def read_city_mesh(dataset: Dataset) -> tuple[CityMesh, CityMesh]:
     """
     entry = dataset.manifest.city.files.glb
     name = str(dataset.path / entry.name)
-    scene = read_glb(dataset.read(entry), name=name)
+    contents = read_glb(dataset.read(entry), name=name)
     objects = dataset.manifest.city.objects  # counted, as an object may be called ground/0 too
     try:
-        return _city_mesh(scene.nodes[:objects], scene.images[0]), _city_mesh(scene.nodes[objects:], scene.images[1])
+        city, ground = contents.nodes[:objects], contents.nodes[objects:]
+        return _city_mesh(city, contents.images[0]), _city_mesh(ground, contents.images[1])
     except (ValueError, IndexError, OSError) as error:
         raise DatasetError(f"{name}: objects, ground and two textures expected, found others ({error})") from error
 

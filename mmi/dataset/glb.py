@@ -1,6 +1,7 @@
-"""Binary glTF 2.0, as little of it as datasets need: named nodes of unlit textured triangles, images inside the file.
+"""What datasets keep in binary glTF 2.0, and as little of it as they need: named nodes of unlit textured triangles, images
+inside the file. ``mmi.gltf`` has the container and the arrays.
 
-The same scene gives the same bytes. Positions stay in the city's frame (metres, Z up); a root node turns them to
+The same contents give the same bytes. Positions stay in the city's frame (metres, Z up); a root node turns them to
 glTF's Y up. The reader reads what the writer writes and refuses everything else: it believes no size or index in the file.
 
 Vertex colours multiply the texture as sRGB bytes here; glTF multiplies linear values, so they are stored as linear
@@ -11,41 +12,24 @@ Source: Khronos, glTF 2.0 specification; the extensions KHR_materials_unlit and 
 from __future__ import annotations
 
 import json
-import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mmi.foundation.errors import DatasetError
-from mmi.foundation.srgb import linear_from_srgb, srgb_from_linear
+from mmi.foundation.srgb import srgb_from_linear
+from mmi.gltf.codes import CLAMP, FLOAT, GENERATOR, LINEAR, REPEAT, TRILINEAR, UINT16, UINT32, UNLIT, WEBP
+from mmi.gltf.container import BIN, JSON, glb_chunks, glb_pieces
+from mmi.gltf.reading import buffer_view, elements, whole_number
+from mmi.gltf.writing import BufferViews
 
-__all__ = ["GlbImage", "GlbNode", "GlbPrimitive", "GlbScene", "glb_bytes", "read_glb"]
+__all__ = ["GlbContents", "GlbImage", "GlbNode", "GlbPrimitive", "glb_bytes", "read_glb"]
 
-_MAGIC, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
-_REPEAT, _CLAMP = 10497, 33071
-_LINEAR, _TRILINEAR = 9729, 9987
-_VERTICES, _INDICES = 34962, 34963
 _Y_UP_FROM_Z_UP = (1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1)  # by columns
-_WEBP = "EXT_texture_webp"
-_UNLIT = "KHR_materials_unlit"
-_DTYPES: Mapping[int, np.dtype[Any]] = MappingProxyType(
-    {5123: np.dtype("<u2"), 5125: np.dtype("<u4"), 5126: np.dtype("<f4")}
-)
-_WIDTHS = MappingProxyType({"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4})
-# Attribute and kind of it -> (its bytes a vertex, component type, type).
-_LAYOUT = MappingProxyType(
-    {
-        "POSITION": (12, 5126, "VEC3"),
-        "TEXCOORD_0": (8, 5126, "VEC2"),
-        "TEXCOORD_0 in [0, 1]": (4, 5123, "VEC2"),
-        "COLOR_0": (8, 5123, "VEC4"),
-    }
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +58,7 @@ class GlbPrimitive:
     """Triangles with one texture.
 
     ``positions`` (n, 3) float32 metres; ``triangles`` (m, 3) int32; ``uv`` (n, 2) float32, v down; ``colors`` (n, 3)
-    uint8 multiply the texture; ``image`` is an index into the scene's images. ``masked``: texels with alpha below a half
+    uint8 multiply the texture; ``image`` is an index into the file's images. ``masked``: texels with alpha below a half
     are holes, and texture coordinates lie in [0, 1] (they are stored in steps of 1 / 65535). n and m are at least 1 (glTF
     has no empty primitives).
     """
@@ -127,7 +111,7 @@ class GlbNode:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GlbScene:
+class GlbContents:
     """What a file holds: nodes side by side, the images that they use, and ``extras`` of the whole."""
 
     nodes: tuple[GlbNode, ...]
@@ -140,74 +124,48 @@ class GlbScene:
             raise ValueError(f"an image index below {len(self.images)} expected, found {max(used)}")
 
 
-def glb_bytes(scene: GlbScene) -> bytes:
-    """The scene as binary glTF: one buffer, one view for each kind of vertex data and of indices, one for each image."""
-    chunks: dict[str, bytearray] = {}
-    accessors: list[dict[str, Any]] = []
+def glb_bytes(contents: GlbContents) -> bytes:
+    """The contents as binary glTF: one buffer, one view for each kind of vertex data and of indices, one for each image."""
+    arrays = BufferViews()
     materials: dict[tuple[int | None, bool], int] = {}
     meshes: list[dict[str, Any]] = []
     children: list[dict[str, Any]] = []
-    for node in scene.nodes:
+    for node in contents.nodes:
         entry: dict[str, Any] = {"name": node.name}
         if node.primitives:
             entry["mesh"] = len(meshes)
-            meshes.append(
-                {"primitives": [_primitive_entry(one, chunks, accessors, materials) for one in node.primitives]}
-            )
+            meshes.append({"primitives": [_primitive_entry(one, arrays, materials) for one in node.primitives]})
         if node.extras:
             entry["extras"] = dict(node.extras)
         children.append(entry)
-
-    places = {name: i for i, name in enumerate(chunks)}
-    for accessor in accessors:
-        accessor["bufferView"] = places[accessor["bufferView"]]
-    views, body = [], bytearray()
-    blobs: list[tuple[str, bytes | bytearray]] = [*chunks.items(), *(("image", image.data) for image in scene.images)]
-    for name, blob in blobs:
-        view: dict[str, Any] = {"buffer": 0, "byteOffset": len(body), "byteLength": len(blob)}
-        if name in _LAYOUT:
-            view |= {"byteStride": _LAYOUT[name][0], "target": _VERTICES}
-        elif name != "image":
-            view["target"] = _INDICES
-        views.append(view)
-        body += blob
-        body += b"\0" * (-len(body) % 4)
 
     root: dict[str, Any] = {"name": "y_up_from_z_up", "matrix": list(_Y_UP_FROM_Z_UP)}
     if children:
         root["children"] = list(range(1, len(children) + 1))
     top: dict[str, Any] = {"nodes": [0]}
-    if scene.extras:
-        top["extras"] = dict(scene.extras)
+    if contents.extras:
+        top["extras"] = dict(contents.extras)
+    buffers, blobs, first_image = arrays.entries(image.data for image in contents.images)
+    used = ([UNLIT] if materials else []) + (
+        [WEBP] if any(image.mime_type == "image/webp" for image in contents.images) else []
+    )
     document: dict[str, Any] = {
-        "asset": {"version": "2.0", "generator": "multi-mesh-impostors"},
+        "asset": {"version": "2.0", "generator": GENERATOR},
         "scene": 0,
         "scenes": [top],
         "nodes": [root, *children],
         "meshes": meshes,
-        "accessors": accessors,
         "materials": [_material_entry(image, masked) for image, masked in materials],
-        "bufferViews": views,
-        "buffers": [{"byteLength": len(body)}] if body else [],
+        "extensionsUsed": used,
+        "extensionsRequired": [name for name in used if name == WEBP],
+        **_texture_entries(contents.images, first_image),
+        **buffers,
     }
-    document |= _texture_entries(scene.images, len(chunks))
-    used = ([_UNLIT] if materials else []) + (
-        [_WEBP] if any(image.mime_type == "image/webp" for image in scene.images) else []
-    )
-    document["extensionsUsed"] = used
-    document["extensionsRequired"] = [name for name in used if name == _WEBP]
-    filled = {key: value for key, value in document.items() if value != []}
-    text = json.dumps(filled, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
-    text += b" " * (-len(text) % 4)
-    parts: list[bytes | bytearray] = [struct.pack("<II", len(text), _JSON), text]
-    if body:
-        parts += [struct.pack("<II", len(body), _BIN), body]
-    size = 12 + sum(len(part) for part in parts)
-    return b"".join([struct.pack("<III", _MAGIC, 2, size), *parts])
+    return b"".join(glb_pieces(document, blobs, sort_keys=True, ascii_only=True))
 
 
-def read_glb(source: Path | bytes, *, name: str = "") -> GlbScene:
-    """The scene that :func:`glb_bytes` wrote to a file or to bytes; ``name`` is what errors call it (default: the path).
+def read_glb(source: Path | bytes, *, name: str = "") -> GlbContents:
+    """The contents that :func:`glb_bytes` wrote to a file or to bytes; ``name`` is what errors call it (default: the path).
 
     Raises DatasetError when it is missing, damaged or not of the kind that this project writes.
     """
@@ -223,12 +181,12 @@ def read_glb(source: Path | bytes, *, name: str = "") -> GlbScene:
         reader = _Reader(document, body)
         images = tuple(reader.image(i) for i in range(len(document.get("images", []))))
         top = document["scenes"][0]
-        root = document["nodes"][_index(top["nodes"][0])]
+        root = document["nodes"][whole_number(top["nodes"][0])]
         if root["matrix"] != list(_Y_UP_FROM_Z_UP):
             raise ValueError("a root node that turns Z up to Y up expected")
         nodes = tuple(reader.node(i) for i in root.get("children", []))
-        return GlbScene(nodes, images, dict(top.get("extras", {})))
-    except (LookupError, TypeError, ValueError, AttributeError, RecursionError, struct.error) as error:
+        return GlbContents(nodes, images, dict(top.get("extras", {})))
+    except (LookupError, TypeError, ValueError, AttributeError, RecursionError) as error:
         what = f"no {error} in it" if isinstance(error, KeyError) else str(error)
         raise DatasetError(f"{name}: damaged, or not a binary glTF written by this project ({what})") from error
 
@@ -237,63 +195,24 @@ def read_glb(source: Path | bytes, *, name: str = "") -> GlbScene:
 
 
 def _primitive_entry(
-    one: GlbPrimitive,
-    chunks: dict[str, bytearray],
-    accessors: list[dict[str, Any]],
-    materials: dict[tuple[int | None, bool], int],
+    one: GlbPrimitive, arrays: BufferViews, materials: dict[tuple[int | None, bool], int]
 ) -> dict[str, Any]:
-    """The primitive's entry; adds its data to the views under construction (named, as yet) and to the other lists."""
-
-    def add(view: str, array: NDArray[Any], component: int, kind: str) -> int:
-        chunk = chunks.setdefault(view, bytearray())
-        offset = len(chunk)
-        chunk += array.tobytes()
-        chunk += b"\0" * (-len(chunk) % 4)
-        accessors.append(
-            {
-                "bufferView": view,
-                "byteOffset": offset,
-                "componentType": component,
-                "count": len(array),
-                "type": kind,
-            }
-        )
-        return len(accessors) - 1
-
-    positions = one.positions.astype("<f4")
-    attributes = {"POSITION": add("POSITION", positions, 5126, "VEC3")}
-    accessors[-1] |= {"min": _shortest(positions.min(axis=0)), "max": _shortest(positions.max(axis=0))}
-    if one.uv is not None and one.masked:
-        steps = np.rint(65535.0 * one.uv.astype(np.float64)).astype("<u2")
-        attributes["TEXCOORD_0"] = add("TEXCOORD_0 in [0, 1]", steps, 5123, "VEC2")
-        accessors[-1]["normalized"] = True
-    elif one.uv is not None:
-        attributes["TEXCOORD_0"] = add("TEXCOORD_0", one.uv.astype("<f4"), 5126, "VEC2")
+    """The primitive's entry; adds its data to ``arrays`` and its material to ``materials``."""
+    attributes = {"POSITION": arrays.positions(one.positions, shortest=True)}
+    if one.uv is not None:
+        attributes["TEXCOORD_0"] = arrays.unit_coordinates(one.uv) if one.masked else arrays.coordinates(one.uv)
     if one.colors is not None:
-        linear = np.ones((len(one.colors), 4))
-        linear[:, :3] = linear_from_srgb(one.colors)
-        attributes["COLOR_0"] = add("COLOR_0", np.rint(65535.0 * linear).astype("<u2"), 5123, "VEC4")
-        accessors[-1]["normalized"] = True
-    flat = one.triangles.reshape(-1)
-    # 65535 itself would restart the primitive.
-    if len(positions) <= 65535:
-        indices = add("indices16", flat.astype("<u2"), 5123, "SCALAR")
-    else:
-        indices = add("indices32", flat.astype("<u4"), 5125, "SCALAR")
+        attributes["COLOR_0"] = arrays.colors(one.colors)
+    indices = arrays.indices(one.triangles.reshape(-1), len(one.positions))
     material = materials.setdefault((one.image, one.masked), len(materials))
     return {"attributes": attributes, "indices": indices, "material": material}
-
-
-def _shortest(values: NDArray[np.float32]) -> list[float]:
-    """The shortest decimals that are these numbers in single precision."""
-    return [float(str(value)) for value in values.astype(np.float32)]
 
 
 def _material_entry(image: int | None, masked: bool) -> dict[str, Any]:
     surface: dict[str, Any] = {"metallicFactor": 0.0, "roughnessFactor": 1.0}
     if image is not None:
         surface["baseColorTexture"] = {"index": image}
-    entry: dict[str, Any] = {"pbrMetallicRoughness": surface, "extensions": {_UNLIT: {}}}
+    entry: dict[str, Any] = {"pbrMetallicRoughness": surface, "extensions": {UNLIT: {}}}
     return entry | ({"alphaMode": "MASK", "alphaCutoff": 0.5} if masked else {})
 
 
@@ -301,9 +220,9 @@ def _texture_entries(images: tuple[GlbImage, ...], first_view: int) -> dict[str,
     """Images, textures (one for each image, of the same index) and samplers (clamping, then repeating)."""
     textures = []
     for i, image in enumerate(images):
-        source = {"extensions": {_WEBP: {"source": i}}} if image.mime_type == "image/webp" else {"source": i}
+        source = {"extensions": {WEBP: {"source": i}}} if image.mime_type == "image/webp" else {"source": i}
         textures.append({"sampler": int(image.repeat), **source})
-    samplers = [{"magFilter": _LINEAR, "minFilter": _TRILINEAR, "wrapS": w, "wrapT": w} for w in (_CLAMP, _REPEAT)]
+    samplers = [{"magFilter": LINEAR, "minFilter": TRILINEAR, "wrapS": w, "wrapT": w} for w in (CLAMP, REPEAT)]
     return {
         "images": [{"bufferView": first_view + i, "mimeType": one.mime_type} for i, one in enumerate(images)],
         "textures": textures,
@@ -315,33 +234,18 @@ def _texture_entries(images: tuple[GlbImage, ...], first_view: int) -> dict[str,
 
 
 def _chunks(data: bytes) -> tuple[dict[str, Any], bytes]:
-    """The JSON document and the binary body of a GLB container."""
-    if len(data) < 20:
-        raise ValueError(f"a header of 20 bytes expected, found {len(data)}")
-    magic, version, size, text_size, kind = struct.unpack_from("<IIIII", data)
-    if magic != _MAGIC or version != 2:
-        raise ValueError(f"glTF version 2 expected, found {data[:4]!r} version {version}")
+    """The JSON document and the binary body of a file that holds one of the former, at most one of the latter, no more."""
+    chunks = glb_chunks(data)
+    kinds = [kind for kind, _ in chunks]
+    if kinds not in ([JSON], [JSON, BIN]):
+        raise ValueError(f"a JSON chunk and at most one binary chunk expected, found kinds {kinds}")
+    size = 12 + sum(8 + len(chunk) for _, chunk in chunks)
     if size != len(data):
         raise ValueError(f"a file of {size} bytes expected, found {len(data)}")
-    end = 20 + text_size
-    if kind != _JSON or end > size:
-        raise ValueError(f"a JSON chunk within the file expected, found one of {text_size} bytes")
-    document = json.loads(data[20:end])
+    document = json.loads(chunks[0][1])
     if not isinstance(document, dict):
         raise TypeError(f"a JSON object expected, found {type(document).__name__}")
-    if end == size:
-        return document, b""
-    body_size, kind = struct.unpack_from("<II", data, end)
-    if kind != _BIN or end + 8 + body_size != size:
-        raise ValueError(f"a binary chunk up to the end of the file expected, found one of {body_size} bytes")
-    return document, data[end + 8 :]
-
-
-def _index(value: object) -> int:
-    """A whole number that is not negative; JSON has others, and Python would count those from the end."""
-    if type(value) is not int or value < 0:
-        raise ValueError(f"a whole number >= 0 expected, found {value!r}")
-    return value
+    return document, chunks[1][1] if len(chunks) > 1 else b""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -349,57 +253,51 @@ class _Reader:
     document: dict[str, Any]
     body: bytes
 
-    def view(self, index: object) -> memoryview:
-        view = self.document["bufferViews"][_index(index)]
-        start, size = _index(view["byteOffset"]), _index(view["byteLength"])
-        if start + size > len(self.body):
-            raise ValueError(f"bytes {start} to {start + size} wanted, the file has {len(self.body)}")
-        return memoryview(self.body)[start : start + size]
-
     def array(self, index: object, components: tuple[int, ...], kind: str) -> NDArray[Any]:
         """(count, width) copied out of an accessor, which must have one of these component types and this type."""
-        accessor = self.document["accessors"][_index(index)]
-        component, count, offset = (_index(accessor[key]) for key in ("componentType", "count", "byteOffset"))
+        accessor = self.document["accessors"][whole_number(index)]
+        component, count, offset = (whole_number(accessor[key]) for key in ("componentType", "count", "byteOffset"))
         if component not in components or accessor["type"] != kind:
             raise ValueError(
                 f"{kind} of component type {components} expected, found {accessor['type']!r} of {component}"
             )
-        data = self.view(accessor["bufferView"])
-        dtype, width = _DTYPES[component], _WIDTHS[kind]
-        size = count * width * dtype.itemsize
-        if offset + size > len(data):
-            raise ValueError(f"{count} times {kind} from byte {offset} wanted, the view has {len(data)} bytes")
-        return np.frombuffer(data[offset : offset + size], dtype=dtype).reshape(count, width).copy()
+        view = buffer_view(self.document, [self.body], accessor["bufferView"])
+        return elements(view, offset=offset, count=count, component=component, kind=kind)
 
     def image(self, index: int) -> GlbImage:
-        data = bytes(self.view(self.document["images"][index]["bufferView"]))
+        data = bytes(buffer_view(self.document, [self.body], self.document["images"][index]["bufferView"]).data)
         texture = self.document["textures"][index]
-        source = texture["source"] if "source" in texture else texture["extensions"][_WEBP]["source"]
+        source = texture["source"] if "source" in texture else texture["extensions"][WEBP]["source"]
         if source != index:
             raise ValueError(f"texture {index} is expected to show image {index}, found {source!r}")
-        sampler = self.document["samplers"][_index(texture["sampler"])]
-        return GlbImage(data, repeat=sampler["wrapS"] == _REPEAT)
+        sampler = self.document["samplers"][whole_number(texture["sampler"])]
+        return GlbImage(data, repeat=sampler["wrapS"] == REPEAT)
 
     def node(self, index: object) -> GlbNode:
-        node = self.document["nodes"][_index(index)]
+        node = self.document["nodes"][whole_number(index)]
         name = node["name"]
         if not isinstance(name, str):
             raise TypeError(f"a node's name expected, found {name!r}")
-        entries = self.document["meshes"][_index(node["mesh"])]["primitives"] if "mesh" in node else []
+        entries = self.document["meshes"][whole_number(node["mesh"])]["primitives"] if "mesh" in node else []
         return GlbNode(name, tuple(self.primitive(entry) for entry in entries), dict(node.get("extras", {})))
 
     def primitive(self, entry: dict[str, Any]) -> GlbPrimitive:
         attributes = entry["attributes"]
-        material = self.document["materials"][_index(entry["material"])]
+        material = self.document["materials"][whole_number(entry["material"])]
         masked = material.get("alphaMode") == "MASK"
-        found = {}
-        for key in ("POSITION", "TEXCOORD_0", "COLOR_0"):
-            if key in attributes:
-                _, component, kind = _LAYOUT["TEXCOORD_0 in [0, 1]" if masked and key == "TEXCOORD_0" else key]
-                found[key] = self.array(attributes[key], (component,), kind)
+        layout = {
+            "POSITION": (FLOAT, "VEC3"),
+            "TEXCOORD_0": (UINT16 if masked else FLOAT, "VEC2"),
+            "COLOR_0": (UINT16, "VEC4"),
+        }
+        found = {
+            key: self.array(attributes[key], (component,), kind)
+            for key, (component, kind) in layout.items()
+            if key in attributes
+        }
         if masked and "TEXCOORD_0" in found:
             found["TEXCOORD_0"] = (found["TEXCOORD_0"] / 65535.0).astype(np.float32)
-        indices = self.array(entry["indices"], (5123, 5125), "SCALAR").astype(np.int64).reshape(-1, 3)
+        indices = self.array(entry["indices"], (UINT16, UINT32), "SCALAR").astype(np.int64).reshape(-1, 3)
         if indices.size and indices.max() >= len(found["POSITION"]):
             raise ValueError(f"triangle indices below {len(found['POSITION'])} expected, found {indices.max()}")
         texture = material["pbrMetallicRoughness"].get("baseColorTexture")
@@ -408,6 +306,6 @@ class _Reader:
             triangles=indices.astype(np.int32),
             uv=found.get("TEXCOORD_0"),
             colors=srgb_from_linear(found["COLOR_0"][:, :3] / 65535.0) if "COLOR_0" in found else None,
-            image=None if texture is None else _index(texture["index"]),
+            image=None if texture is None else whole_number(texture["index"]),
             masked=masked,
         )

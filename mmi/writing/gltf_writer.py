@@ -14,8 +14,6 @@ Source: Khronos, glTF 2.0 specification.
 
 from __future__ import annotations
 
-import json
-import struct
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
@@ -32,62 +30,52 @@ from mmi.city.terrain import Terrain, grid_triangles
 from mmi.city.triangulate import triangulate
 from mmi.city.welding import weld
 from mmi.foundation.errors import CityError
-from mmi.foundation.srgb import linear_from_srgb, png_bytes
+from mmi.foundation.srgb import png_bytes
 from mmi.foundation.whole_files import whole_file
+from mmi.gltf.codes import GENERATOR, LINE_STRIP, LINEAR, REPEAT, TRILINEAR
+from mmi.gltf.container import glb_pieces
+from mmi.gltf.writing import BufferViews
 
 __all__ = ["write_glb"]
 
 _CHUNK = 4096  # objects whose prisms are triangulated together
-_MOST_BYTES = 2**32 - 1  # what a GLB's header can say
-_LINE_STRIP = 3
-_REPEAT, _LINEAR, _TRILINEAR = 10497, 9729, 9987
-_VERTICES, _INDICES = 34962, 34963
 _TERRAIN, _STREET = -3, -4  # as if they were textures: materials of their own
 # Name and base colour of the materials that show no texture.
 _MATERIALS: Mapping[int, tuple[str, tuple[float, float, float]]] = MappingProxyType({
     PLAIN: ("plain", (1.0, 1.0, 1.0)), PAINTED: ("painted", (0.6, 0.6, 0.6)),
     _TERRAIN: ("terrain", (0.3, 0.35, 0.25)), _STREET: ("street", (0.1, 0.1, 0.1)),
 })  # fmt: skip
-# View -> bytes from vertex to vertex (0: none), target.
-_VIEWS: Mapping[str, tuple[int, int]] = MappingProxyType({
-    "POSITION": (12, _VERTICES), "TEXCOORD_0": (8, _VERTICES), "COLOR_0": (8, _VERTICES), "16-bit": (0, _INDICES),
-    "32-bit": (0, _INDICES),
-})  # fmt: skip
 
 
 def write_glb(city: City, path: Path) -> None:
     """Write ``city`` to ``path`` as binary glTF. Raises CityError where that cannot be written, or would pass 4 GiB."""
-    scene = _Scene(city.textures)
+    draft = _Draft(city.textures)
     objects = iter(city.objects)
     while chunk := list(islice(objects, _CHUNK)):
         solids = _prism_corners([prism for one in chunk if one.mesh is None for prism in one.prisms])
         for one in chunk:
-            scene.add_object(one, [next(solids) for _ in one.prisms] if one.mesh is None else [])
-    scene.add_streets(city)
+            draft.add_object(one, [next(solids) for _ in one.prisms] if one.mesh is None else [])
+    draft.add_streets(city)
     if city.terrain is not None:
-        scene.add_terrain(city.terrain)
+        draft.add_terrain(city.terrain)
     extras = {"crs": city.crs, "origin": [float(one) for one in city.origin], "source": city.source}
-    text, blobs = scene.parts(extras)
-    size = 12 + 8 + len(text) + (8 + sum(map(len, blobs)) if blobs else 0)
-    if size > _MOST_BYTES:
-        raise CityError(f"{path}: a binary glTF of at most {_MOST_BYTES} bytes expected, found {size}; write CityJSON")
+    try:
+        pieces = draft.pieces(extras)
+    except OverflowError as error:
+        raise CityError(f"{path}: {error}; write CityJSON") from error
     with whole_file(path) as file:
-        file.write(struct.pack("<4sIIII", b"glTF", 2, size, len(text), 0x4E4F534A) + text)
-        if blobs:
-            file.write(struct.pack("<II", sum(map(len, blobs)), 0x004E4942))
-            for blob in blobs:
-                file.write(blob)
+        for piece in pieces:
+            file.write(piece)
 
 
-class _Scene:
-    """A glTF that grows node by node: its JSON, and one buffer view for each kind of data."""
+class _Draft:
+    """A glTF that grows node by node: its JSON, and the arrays that it refers to."""
 
     def __init__(self, textures: Sequence[Texture]) -> None:
         self._textures = textures
         self._nodes: list[dict[str, Any]] = []
         self._meshes: list[dict[str, Any]] = []
-        self._accessors: list[dict[str, Any]] = []
-        self._views: dict[str, bytearray] = {}
+        self._arrays = BufferViews()
         self._materials: dict[int, int] = {}  # places in ``City.textures``, or PLAIN and so on -> index
 
     def add_object(self, one: CityObject, solids: Sequence[NDArray[np.float64]]) -> None:
@@ -104,9 +92,9 @@ class _Scene:
             line = _y_up(np.column_stack([points, city.ground_at(points)]))
             line = line[np.append(True, (line[1:] != line[:-1]).any(axis=1))]
             entry = {
-                "attributes": {"POSITION": self._positions(line)},
+                "attributes": {"POSITION": self._arrays.positions(line)},
                 "material": self._material(_STREET),
-                "mode": _LINE_STRIP,
+                "mode": LINE_STRIP,
             }
             extras = {"name": edge["name"], "kind": edge["kind"], "width": 2.0 * float(edge["half_width"])}
             self._node(edge["name"] or f"street/{edge['index']}", [entry] if len(line) > 1 else [], extras)
@@ -116,32 +104,19 @@ class _Scene:
         points = _y_up(terrain.points.reshape(-1, 3))
         triangles = grid_triangles(np.arange(len(points)).reshape(terrain.heights.shape))
         entry = {
-            "attributes": {"POSITION": self._positions(points)},
-            "indices": self._indices(triangles.reshape(-1), len(points)),
+            "attributes": {"POSITION": self._arrays.positions(points)},
+            "indices": self._arrays.indices(triangles.reshape(-1), len(points)),
             "material": self._material(_TERRAIN),
         }
         self._node("terrain", [entry], {})
 
-    def parts(self, extras: dict[str, Any]) -> tuple[bytes, list[bytes | bytearray]]:
-        """The JSON chunk, and what follows one another in the binary chunk; all of it in fours of bytes."""
-        names = list(self._views)
+    def pieces(self, extras: dict[str, Any]) -> list[bytes | bytearray]:
+        """What makes the file when it is written one after another. Raises OverflowError past 4 GiB."""
         images = [number for number in self._materials if number >= 0]
-        blobs: list[bytes | bytearray] = list(self._views.values())
-        views: list[dict[str, Any]] = []
-        start = 0
-        for i, blob in enumerate([*blobs, *(png_bytes(self._textures[number].image) for number in images)]):
-            view: dict[str, Any] = {"buffer": 0, "byteOffset": start, "byteLength": len(blob)}
-            if i < len(names):
-                stride, target = _VIEWS[names[i]]
-                view |= ({"byteStride": stride} if stride else {}) | {"target": target}
-            else:
-                blobs.append(blob + b"\0" * (-len(blob) % 4))
-            views.append(view)
-            start += len(blob) + -len(blob) % 4
-        accessors = [one | {"bufferView": names.index(one["bufferView"])} for one in self._accessors]
+        buffers, blobs, first_image = self._arrays.entries(png_bytes(self._textures[number].image) for number in images)
         textures = range(len(images))
         document: dict[str, Any] = {
-            "asset": {"version": "2.0", "generator": "multi-mesh-impostors", "extras": extras},
+            "asset": {"version": "2.0", "generator": GENERATOR, "extras": extras},
             "scene": 0,
             "scenes": [{"nodes": list(range(len(self._nodes)))} if self._nodes else {}],
             "nodes": self._nodes,
@@ -149,19 +124,15 @@ class _Scene:
             "materials": [self._material_entry(number, images) for number in self._materials],
             "textures": [{"source": i, "sampler": 0} for i in textures],
             "images": [
-                {"name": self._textures[number].name, "bufferView": len(names) + i, "mimeType": "image/png"}
+                {"name": self._textures[number].name, "bufferView": first_image + i, "mimeType": "image/png"}
                 for i, number in enumerate(images)
             ],
-            "samplers": [{"magFilter": _LINEAR, "minFilter": _TRILINEAR, "wrapS": _REPEAT, "wrapT": _REPEAT}]
+            "samplers": [{"magFilter": LINEAR, "minFilter": TRILINEAR, "wrapS": REPEAT, "wrapT": REPEAT}]
             if images
             else [],
-            "accessors": accessors,
-            "bufferViews": views,
-            "buffers": [{"byteLength": start}] if start else [],
+            **buffers,
         }
-        filled = {key: value for key, value in document.items() if value != []}
-        text = json.dumps(filled, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
-        return text + b" " * (-len(text) % 4), blobs
+        return glb_pieces(document, blobs)
 
     def _node(self, name: str, primitives: list[dict[str, Any]], extras: dict[str, Any]) -> None:
         node: dict[str, Any] = {"name": name}
@@ -196,40 +167,17 @@ class _Scene:
         place = weld(np.concatenate(columns, axis=1))
         first = np.empty(int(place.max()) + 1, dtype=np.int64)
         first[place] = np.arange(len(place))
-        attributes = {"POSITION": self._positions(columns[0][first])}
+        attributes = {"POSITION": self._arrays.positions(columns[0][first])}
         if uv is not None:
             u, v = columns[1][first].T  # v up here, down there
-            down = np.stack([u, 1.0 - v], axis=1).astype("<f4")
-            attributes["TEXCOORD_0"] = self._accessor("TEXCOORD_0", down, 5126, "VEC2")
+            attributes["TEXCOORD_0"] = self._arrays.coordinates(np.stack([u, 1.0 - v], axis=1))
         if colors is not None:
-            linear = np.ones((len(first), 4))
-            linear[:, :3] = linear_from_srgb(columns[-1][first])
-            attributes["COLOR_0"] = self._accessor("COLOR_0", np.rint(65535.0 * linear).astype("<u2"), 5123, "VEC4")
-            self._accessors[-1]["normalized"] = True
+            attributes["COLOR_0"] = self._arrays.colors(columns[-1][first])
         return {
             "attributes": attributes,
-            "indices": self._indices(place, len(first)),
+            "indices": self._arrays.indices(place, len(first)),
             "material": self._material(texture),
         }
-
-    def _positions(self, points: NDArray[np.float32]) -> int:
-        number = self._accessor("POSITION", points, 5126, "VEC3")
-        self._accessors[-1] |= {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
-        return number
-
-    def _indices(self, index: NDArray[np.int64], vertices: int) -> int:
-        if vertices <= 65535:  # 65535 itself would restart the primitive
-            return self._accessor("16-bit", index.astype("<u2"), 5123, "SCALAR")
-        return self._accessor("32-bit", index.astype("<u4"), 5125, "SCALAR")
-
-    def _accessor(self, view: str, array: NDArray[Any], component: int, kind: str) -> int:
-        """Adds data to a view (which has its number only in the end)."""
-        data = self._views.setdefault(view, bytearray())
-        entry = {"bufferView": view, "byteOffset": len(data), "componentType": component}
-        self._accessors.append(entry | {"count": len(array), "type": kind})
-        data += array.tobytes()
-        data += b"\0" * (-len(data) % 4)
-        return len(self._accessors) - 1
 
     def _material(self, texture: int) -> int:
         return self._materials.setdefault(texture, len(self._materials))

@@ -2,7 +2,7 @@
 
 ``mmi.dataset.glb`` reads what this project's datasets hold; this reads what others write, and cities that
 ``mmi.writing.gltf_writer`` wrote (a material "painted", a node "terrain", streets as lines, ``asset.extras`` with CRS and
-origin). The bytes behind accessors are ``mmi.reading.models.gltf_buffers``.
+origin). ``mmi.reading.models.gltf_buffers`` opens the file and gets the arrays behind accessors.
 
 Source: Khronos, glTF 2.0 specification; the extensions KHR_texture_transform, KHR_mesh_quantization, EXT_texture_webp.
 """
@@ -23,6 +23,16 @@ from shapely.geometry import LineString
 from mmi.city.model import PAINTED, PLAIN, TriangleMesh
 from mmi.foundation.errors import CityError
 from mmi.foundation.srgb import srgb_from_linear
+from mmi.gltf.codes import (
+    LINE_LOOP,
+    LINE_STRIP,
+    LINES,
+    REPEAT,
+    TRIANGLE_FAN,
+    TRIANGLE_STRIP,
+    TRIANGLES,
+    WEBP,
+)
 from mmi.reading.models.gltf_buffers import GltfFile, open_gltf
 from mmi.reading.models.pictures import PictureShelf
 from mmi.reading.models.raw_meshes import joined_meshes, placed_corners
@@ -31,12 +41,9 @@ from mmi.reading.report import Ledger
 
 __all__ = ["read_gltf"]
 
-_TRIANGLES, _STRIP, _FAN = 4, 5, 6
-_LINES, _LINE_LOOP, _LINE_STRIP = 1, 2, 3
-_REPEAT = 10497
 _Z_UP_FROM_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 _READ_EXTENSIONS = frozenset(
-    {"KHR_texture_transform", "KHR_mesh_quantization", "EXT_texture_webp", "KHR_lights_punctual", "KHR_xmp_json_ld"}
+    {"KHR_texture_transform", "KHR_mesh_quantization", WEBP, "KHR_lights_punctual", "KHR_xmp_json_ld"}
 )
 
 
@@ -146,7 +153,7 @@ class _Reading:
         parts: list[TriangleMesh] = []
         lines: list[LineString] = []
         for primitive in entry["primitives"]:
-            mode = primitive.get("mode", _TRIANGLES)
+            mode = primitive.get("mode", TRIANGLES)
             if "POSITION" not in primitive["attributes"]:
                 self.ledger.note("left out", "mesh: no positions", name)
                 continue
@@ -159,9 +166,9 @@ class _Reading:
             )
             if order.size and not 0 <= order.min() <= order.max() < len(points):
                 raise ValueError(f"node {name}: indices below {len(points)} expected, found up to {order.max()}")
-            if mode in (_TRIANGLES, _STRIP, _FAN):
+            if mode in (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN):
                 parts.append(self.triangles(primitive, points, _as_triangles(order, mode), matrix, name))
-            elif mode in (_LINES, _LINE_LOOP, _LINE_STRIP):
+            elif mode in (LINES, LINE_LOOP, LINE_STRIP):
                 lines += _as_lines(points[order], mode)
             else:
                 self.ledger.note("left out", "mesh: points", name)
@@ -238,7 +245,7 @@ class _Reading:
         """Place of the texture's picture; None, and a note, where it has none that can be read."""
         document = self.gltf.document
         entry = document["textures"][index]
-        source = entry.get("source", entry.get("extensions", {}).get("EXT_texture_webp", {}).get("source"))
+        source = entry.get("source", entry.get("extensions", {}).get(WEBP, {}).get("source"))
         if source is None:
             self.ledger.note("left out", "picture: in a format that is not read (KTX2 or none)", f"texture {index}")
             return None
@@ -246,7 +253,7 @@ class _Reading:
         image = document["images"][int(source)]
         name = Path(str(image.get("uri", ""))).name if not str(image.get("uri", "data:")).startswith("data:") else ""
         name = str(image.get("name") or name or f"image {source}")
-        if {sampler.get("wrapS", _REPEAT), sampler.get("wrapT", _REPEAT)} != {_REPEAT}:
+        if {sampler.get("wrapS", REPEAT), sampler.get("wrapT", REPEAT)} != {REPEAT}:
             self.ledger.note("noted", "picture that clamps or mirrors at its edges: repeated instead", name)
         data = self.gltf.image(int(source))
         return None if data is None else self.shelf.place(data, name, alpha=alpha)
@@ -276,10 +283,10 @@ def _placement(node: dict[str, Any]) -> NDArray[np.float64]:
 
 def _as_triangles(order: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
     """Corners (m, 3) of a list, strip or fan."""
-    if mode == _TRIANGLES:
+    if mode == TRIANGLES:
         return order[: len(order) // 3 * 3].reshape(-1, 3)
     n = max(len(order) - 2, 0)
-    if mode == _FAN:
+    if mode == TRIANGLE_FAN:
         return np.column_stack([np.full(n, order[0] if len(order) else 0), order[1 : n + 1], order[2 : n + 2]])
     flip = np.arange(n) % 2
     k = np.arange(n)
@@ -289,9 +296,9 @@ def _as_triangles(order: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
 def _as_lines(points: NDArray[np.float64], mode: int) -> list[LineString]:
     """Lines in plan; a list of segments that follow one another is one line."""
     points = points[:, :2]
-    if mode == _LINE_LOOP:
+    if mode == LINE_LOOP:
         points = np.concatenate([points, points[:1]])
-    if mode == _LINES:
+    if mode == LINES:
         pairs = points[: len(points) // 2 * 2].reshape(-1, 2, 2)
         breaks = np.flatnonzero((pairs[1:, 0] != pairs[:-1, 1]).any(axis=1)) + 1
         runs = [np.concatenate([run[:1, 0], run[:, 1]]) for run in np.split(pairs, breaks) if len(run)]

@@ -22,7 +22,7 @@ from mmi.capture.renderer import Capturer
 from mmi.cells.viewing_cells import viewing_cells
 from mmi.dataset.cell_files import read_depths, read_impostor, read_pictures
 from mmi.dataset.city_files import city_glb, read_city_mesh
-from mmi.dataset.glb import GlbImage, GlbScene, glb_bytes, read_glb
+from mmi.dataset.glb import GlbContents, GlbImage, glb_bytes, read_glb
 from mmi.dataset.reading import Dataset, open_dataset
 from mmi.foundation.camera import Camera
 from mmi.foundation.errors import DatasetError
@@ -244,7 +244,7 @@ def test_a_file_of_other_layers_is_refused(copied, what):
     else:
         bands = 4 if what == "size" else 3
         images[0] = png(np.zeros((height + (bands == 4), width, bands), dtype=np.uint8))
-    data = glb_bytes(GlbScene(tuple(nodes), tuple(images)))
+    data = glb_bytes(GlbContents(tuple(nodes), tuple(images)))
     path.write_bytes(data)
     file = replace(entry.files.glb, bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
     other = with_first_cell(copied, files=replace(entry.files, glb=file))

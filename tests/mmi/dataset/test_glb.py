@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from mmi.dataset.glb import GlbImage, GlbNode, GlbPrimitive, GlbScene, glb_bytes, read_glb
+from mmi.dataset.glb import GlbContents, GlbImage, GlbNode, GlbPrimitive, glb_bytes, read_glb
 from mmi.foundation.errors import DatasetError
 
 
@@ -33,7 +33,7 @@ def strip(n: int, *, seed: int = 0, **options) -> GlbPrimitive:
     return GlbPrimitive(positions, triangles, **({"uv": uv, "colors": colors, "image": 0} | options))
 
 
-def scene() -> GlbScene:
+def contents() -> GlbContents:
     nodes = (
         GlbNode("way/1", (strip(5), strip(7, seed=1, image=1, colors=None, masked=True)), {"height": 12.5, "id": "ä"}),
         GlbNode("layer 0-2", (strip(4, seed=2, image=2, masked=True),)),
@@ -41,7 +41,7 @@ def scene() -> GlbScene:
         GlbNode("nothing"),
     )
     images = (GlbImage(picture("PNG", 10), repeat=True), GlbImage(picture("WEBP", 90)), GlbImage(picture("JPEG", 200)))
-    return GlbScene(nodes, images, {"cell": "0017-03"})
+    return GlbContents(nodes, images, {"cell": "0017-03"})
 
 
 def parsed(data: bytes) -> tuple[dict, bytes]:
@@ -56,7 +56,7 @@ def rebuilt(document: dict, body: bytes) -> bytes:
     return struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks
 
 
-def assert_same(a: GlbScene, b: GlbScene) -> None:
+def assert_same(a: GlbContents, b: GlbContents) -> None:
     assert a.images == b.images
     assert a.extras == b.extras
     assert [(n.name, n.extras, len(n.primitives)) for n in a.nodes] == [
@@ -75,28 +75,28 @@ def assert_same(a: GlbScene, b: GlbScene) -> None:
 
 
 def test_what_is_written_is_read_back(tmp_path):
-    data = glb_bytes(scene())
-    assert_same(read_glb(data), scene())
+    data = glb_bytes(contents())
+    assert_same(read_glb(data), contents())
     path = tmp_path / "cell.glb"
     path.write_bytes(data)
-    assert_same(read_glb(path), scene())
+    assert_same(read_glb(path), contents())
     assert glb_bytes(read_glb(path)) == data
 
 
 @given(st.lists(st.integers(3, 12), max_size=4), st.booleans(), st.booleans(), st.sampled_from([None, 0, 2]))
 @settings(max_examples=40, deadline=None)
-def test_any_scene_comes_back(sizes, colored, masked, image):
+def test_any_contents_come_back(sizes, colored, masked, image):
     colors = {} if colored else {"colors": None}
     made = tuple(
         GlbNode(f"n{i}", (strip(n, seed=i, image=image, masked=masked, **colors),)) for i, n in enumerate(sizes)
     )
-    given_scene = GlbScene(made, scene().images)
-    assert_same(read_glb(glb_bytes(given_scene)), given_scene)
+    given_contents = GlbContents(made, contents().images)
+    assert_same(read_glb(glb_bytes(given_contents)), given_contents)
 
 
-def test_the_same_scene_gives_the_same_bytes_and_sorted_keys():
-    data = glb_bytes(scene())
-    assert data == glb_bytes(scene())
+def test_the_same_contents_give_the_same_bytes_and_sorted_keys():
+    data = glb_bytes(contents())
+    assert data == glb_bytes(contents())
     document, _ = parsed(data)
     assert list(document) == sorted(document)
     assert document["asset"] == {"version": "2.0", "generator": "multi-mesh-impostors"}
@@ -105,13 +105,13 @@ def test_the_same_scene_gives_the_same_bytes_and_sorted_keys():
 
 
 def test_data_is_aligned_and_positions_have_bounds():
-    document, body = parsed(glb_bytes(scene()))
+    document, body = parsed(glb_bytes(contents()))
     assert len(body) == document["buffers"][0]["byteLength"]
     assert all(view["byteOffset"] % 4 == 0 for view in document["bufferViews"])
     assert all(accessor["byteOffset"] % 4 == 0 for accessor in document["accessors"])
     # Primitives share views: positions, uv of either kind, colours, indices, and one for each image.
     assert len(document["bufferViews"]) == 5 + 3
-    for node, entry in zip(scene().nodes, document["meshes"], strict=False):
+    for node, entry in zip(contents().nodes, document["meshes"], strict=False):
         for primitive, written in zip(node.primitives, entry["primitives"], strict=True):
             accessor = document["accessors"][written["attributes"]["POSITION"]]
             assert np.array_equal(np.float32(accessor["min"]), primitive.positions.min(axis=0))
@@ -123,18 +123,18 @@ def test_data_is_aligned_and_positions_have_bounds():
 
 
 def test_other_programs_see_the_city_with_y_up():
-    data = glb_bytes(scene())
+    data = glb_bytes(contents())
     loaded = trimesh.load(io.BytesIO(data), file_type="glb")
     assert sorted(len(mesh.vertices) for mesh in loaded.geometry.values()) == [3, 4, 5, 7]
     assert sorted(len(mesh.faces) for mesh in loaded.geometry.values()) == [1, 2, 3, 5]
-    z_up = np.concatenate([p.positions for node in scene().nodes for p in node.primitives]).astype(float)
+    z_up = np.concatenate([p.positions for node in contents().nodes for p in node.primitives]).astype(float)
     turned = np.column_stack([z_up[:, 0], z_up[:, 2], -z_up[:, 1]])
     assert np.allclose(loaded.bounds, [turned.min(axis=0), turned.max(axis=0)], atol=1e-3)
 
 
 @pytest.mark.parametrize(("n", "component"), [(65535, 5123), (65536, 5125)])
 def test_indices_grow_to_32_bits_when_they_must(n, component):
-    big = GlbScene((GlbNode("big", (strip(n),)),), scene().images)
+    big = GlbContents((GlbNode("big", (strip(n),)),), contents().images)
     data = glb_bytes(big)
     document, _ = parsed(data)
     assert document["accessors"][document["meshes"][0]["primitives"][0]["indices"]]["componentType"] == component
@@ -143,7 +143,7 @@ def test_indices_grow_to_32_bits_when_they_must(n, component):
 
 def test_all_color_bytes_survive_linear_light():
     colors = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
-    one = GlbScene((GlbNode("c", (strip(256, colors=colors),)),), scene().images)
+    one = GlbContents((GlbNode("c", (strip(256, colors=colors),)),), contents().images)
     data = glb_bytes(one)
     assert np.array_equal(read_glb(data).nodes[0].primitives[0].colors, colors)
     document, body = parsed(data)
@@ -159,7 +159,7 @@ def test_all_color_bytes_survive_linear_light():
 def test_texture_coordinates_of_what_is_masked_are_stored_in_two_bytes_each(corners):
     """To half a step of 1 / 65535: less than a hundredth of a texel of pictures of a thousand texels."""
     uv = np.array(corners, dtype=np.float32)
-    data = glb_bytes(GlbScene((GlbNode("l", (strip(3, uv=uv, colors=None, masked=True),)),), scene().images))
+    data = glb_bytes(GlbContents((GlbNode("l", (strip(3, uv=uv, colors=None, masked=True),)),), contents().images))
     found = read_glb(data).nodes[0].primitives[0].uv
     assert found.dtype == np.float32 and found.min() >= 0.0 and found.max() <= 1.0
     np.testing.assert_allclose(found, uv, atol=0.5 / 65535 + 1e-7)
@@ -174,7 +174,7 @@ def test_texture_coordinates_of_what_is_masked_are_stored_in_two_bytes_each(corn
 
 def test_texture_coordinates_of_either_kind_go_together():
     """Layers beside buildings, whose textures repeat: of the former in two bytes, of the latter in four."""
-    document, _ = parsed(glb_bytes(scene()))
+    document, _ = parsed(glb_bytes(contents()))
     of = [
         document["accessors"][one["attributes"]["TEXCOORD_0"]]
         for mesh in document["meshes"]
@@ -189,7 +189,7 @@ def test_texture_coordinates_of_either_kind_go_together():
 @given(st.integers(0, 10**9), st.integers(1, 255))
 @settings(max_examples=300, deadline=None)
 def test_a_damaged_byte_is_a_clear_error_or_harmless(where, change):
-    data = bytearray(glb_bytes(scene()))
+    data = bytearray(glb_bytes(contents()))
     data[where % len(data)] ^= change
     try:
         read_glb(bytes(data), name="cells/0017-03.glb")
@@ -201,7 +201,7 @@ def test_a_damaged_byte_is_a_clear_error_or_harmless(where, change):
 @given(st.integers(0, 10**9))
 @settings(max_examples=60, deadline=None)
 def test_a_file_cut_short_is_refused(where):
-    data = glb_bytes(scene())
+    data = glb_bytes(contents())
     with pytest.raises(DatasetError, match=r"^cut\.glb: damaged"):
         read_glb(data[: where % len(data)], name="cut.glb")
 
@@ -233,8 +233,8 @@ def test_a_file_cut_short_is_refused(where):
     ],
 )
 def test_no_size_or_index_in_the_file_is_believed(path, value):
-    document, body = parsed(glb_bytes(scene()))
-    assert_same(read_glb(rebuilt(document, body)), scene())
+    document, body = parsed(glb_bytes(contents()))
+    assert_same(read_glb(rebuilt(document, body)), contents())
     target = document
     for key in path[:-1]:
         target = target[key]
@@ -244,14 +244,14 @@ def test_no_size_or_index_in_the_file_is_believed(path, value):
 
 
 def test_a_size_beyond_the_file_is_refused_before_anything_is_read():
-    document, body = parsed(glb_bytes(scene()))
+    document, body = parsed(glb_bytes(contents()))
     document["accessors"][0]["count"] = 10**12
     with pytest.raises(DatasetError, match=r"1000000000000 times VEC3 from byte 0 wanted, the view has \d+ bytes"):
         read_glb(rebuilt(document, body))
 
 
 def test_triangles_beyond_the_vertices_are_refused():
-    document, body = parsed(glb_bytes(scene()))
+    document, body = parsed(glb_bytes(contents()))
     accessor = document["accessors"][document["meshes"][0]["primitives"][0]["indices"]]
     start = document["bufferViews"][accessor["bufferView"]]["byteOffset"] + accessor["byteOffset"]
     damaged = body[:start] + b"\x05\x00" + body[start + 2 :]
@@ -291,10 +291,10 @@ def test_nonsense_is_refused_before_it_is_written():
     with pytest.raises(ValueError, match="PNG, JPEG or WebP"):
         GlbImage(b"GIF89a")
     with pytest.raises(ValueError, match="image index below 0 expected, found 0"):
-        GlbScene((GlbNode("a", (strip(3),)),))
+        GlbContents((GlbNode("a", (strip(3),)),))
 
 
-def test_an_empty_scene_is_a_file_too():
-    data = glb_bytes(GlbScene(()))
+def test_empty_contents_are_a_file_too():
+    data = glb_bytes(GlbContents(()))
     assert read_glb(data).nodes == ()
     assert len(data) % 4 == 0
