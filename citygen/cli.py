@@ -168,12 +168,11 @@ def _write(options: argparse.Namespace, outputs: list[Path], advance: Callable[[
 def _write_traffic(city: City, paths: Sequence[Path], seed: int) -> None:
     """Where vehicles are over time, beside the city's files."""
     from citygen.traffic.traffic import traffic
-    from mmi.foundation.whole_files import whole_file
+    from mmi.foundation.whole_files import write_whole
 
     text = traffic(city, seed, vehicles=_VEHICLES, seconds=_SECONDS).to_json()
     for path in paths:
-        with whole_file(path) as file:
-            file.write(text.encode())
+        write_whole(path, text.encode(), error=CityError)
 
 
 def _count(city: City) -> _Count:

@@ -27,7 +27,7 @@ from PIL import Image
 from mmi.capture.layer_values import DepthTexture, GridMesh, Impostor, Layer, LayerPicture, Promise
 from mmi.city.model import City
 from mmi.dataset.folder import DatasetFolder
-from mmi.dataset.glb import GlbImage, GlbNode, GlbPrimitive, GlbContents, glb_bytes, read_glb
+from mmi.dataset.glb import GlbContents, GlbImage, GlbNode, GlbPrimitive, glb_bytes, read_glb
 from mmi.dataset.manifest import CellEntry, CellFiles, LayerEntry
 from mmi.dataset.reading import Dataset
 from mmi.foundation.camera import Camera, View

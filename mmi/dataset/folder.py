@@ -19,7 +19,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,10 +33,9 @@ from mmi.dataset.manifest import (
 )
 from mmi.foundation.errors import DatasetError
 from mmi.foundation.json_forms import readable_json
+from mmi.foundation.whole_files import is_leftover, whole_path
 
 __all__ = ["DatasetFolder", "build_folder", "is_ours", "make_folder"]
-
-_TEMPORARY = ".part"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,14 +55,11 @@ class DatasetFolder:
     def write_with(self, name: str, write: Callable[[Path], None]) -> FileEntry:
         """The same for a library that writes to a path itself."""
         target = self.path / name
-        temporary = target.with_name(f"{target.name}{_TEMPORARY}-{os.getpid()}")
         try:
-            write(temporary)
-            found = _checksum(temporary)
-            temporary.replace(target)
+            with whole_path(target, make_folder=False) as temporary:
+                write(temporary)
+                found = _checksum(temporary)
         except (OSError, RuntimeError) as error:  # OpenEXR raises RuntimeError
-            with suppress(OSError):
-                temporary.unlink(missing_ok=True)
             raise _cannot_write(target, error) from error
         if found is None:
             raise DatasetError(f"{target}: written, but it cannot be read back")
@@ -147,8 +143,9 @@ def build_folder(path: Path) -> Iterator[DatasetFolder]:
         folder = DatasetFolder(path)
         if not (path / "build.json").exists():
             folder.write("build.json", readable_json({"program": PROGRAM, "format_version": FORMAT_VERSION}))
-        for leftover in [*path.glob(f"*{_TEMPORARY}-*"), *(path / "cells").glob(f"*{_TEMPORARY}-*")]:
-            leftover.unlink(missing_ok=True)
+        for one in [*path.iterdir(), *(path / "cells").iterdir()]:
+            if is_leftover(one):
+                one.unlink(missing_ok=True)
         yield folder
 
 
@@ -189,7 +186,7 @@ def _is_blank(entry: Path) -> bool:
     """Whether this is what a build leaves in its folder that was killed before it could sign it with ``build.json``."""
     if entry.name == "cells":
         return entry.is_dir() and not any(entry.iterdir())
-    return entry.name == ".lock" or entry.name.startswith(f"build.json{_TEMPORARY}-")
+    return entry.name == ".lock" or is_leftover(entry, "build.json")
 
 
 def is_ours(path: Path) -> bool:

@@ -1,4 +1,7 @@
-"""Files that are there whole or not at all: written under a temporary name in the same folder, then renamed."""
+"""Files that are there whole or not at all: written under a temporary name in the same folder, then renamed.
+
+Everything that the project writes goes this way: datasets, cities, reports, pictures and films.
+"""
 
 from __future__ import annotations
 
@@ -8,32 +11,52 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from mmi.foundation.errors import CityError, DatasetError, MmiError
+from mmi.foundation.errors import DatasetError, MmiError
 
-__all__ = ["whole_file", "write_whole"]
+__all__ = ["is_leftover", "whole_file", "whole_path", "write_whole"]
+
+_TEMPORARY = ".part-"
 
 
 @contextmanager
-def whole_file(path: Path, *, error: type[MmiError] = CityError) -> Iterator[BinaryIO]:
-    """A file to write to, which becomes ``path`` when the block ends well and vanishes otherwise; makes its folder.
+def whole_path(path: Path, *, make_folder: bool = True) -> Iterator[Path]:
+    """A temporary name beside ``path``, for a library that writes to a path itself; makes the folder first if it is to.
 
-    Raises ``error`` where it cannot be written.
+    What is written there becomes ``path`` when the block ends well and vanishes otherwise. What is raised passes through:
+    OSError where a file cannot be written.
     """
-    temporary = path.with_name(f"{path.name}.part-{os.getpid()}")
+    temporary = path.with_name(f"{path.name}{_TEMPORARY}{os.getpid()}")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with temporary.open("wb") as file:
-            yield file
+        if make_folder:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
         temporary.replace(path)
-    except BaseException as reason:
+    except BaseException:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
-        if isinstance(reason, OSError):
-            raise error(f"{path}: a writable file expected, found: {reason.strerror or reason}") from reason
         raise
 
 
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file under a temporary name and rename it; makes its folder. Raises DatasetError where that is impossible."""
-    with whole_file(path, error=DatasetError) as file:
+@contextmanager
+def whole_file(path: Path, *, error: type[MmiError] = DatasetError, make_folder: bool = True) -> Iterator[BinaryIO]:
+    """A file to write to, which becomes ``path`` when the block ends well and vanishes otherwise; makes the folder if it is to.
+
+    Raises ``error`` where it cannot be written.
+    """
+    try:
+        with whole_path(path, make_folder=make_folder) as temporary, temporary.open("wb") as file:
+            yield file
+    except OSError as reason:
+        raise error(f"{path}: a writable file expected, found: {reason.strerror or reason}") from reason
+
+
+def write_whole(path: Path, data: bytes, *, error: type[MmiError] = DatasetError) -> None:
+    """Write ``path`` with these contents as :func:`whole_file` does; makes its folder. Raises ``error``."""
+    with whole_file(path, error=error) as file:
         file.write(data)
+
+
+def is_leftover(path: Path, of: str = "") -> bool:
+    """Whether ``path`` is called like the temporary file of a process that was killed: of the file ``of``, or of any."""
+    name, mark, process = path.name.rpartition(_TEMPORARY)
+    return bool(mark) and process.isdigit() and of in ("", name)

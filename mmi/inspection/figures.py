@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
-from mmi.foundation.errors import DatasetError
+from mmi.foundation.whole_files import whole_file
 
 __all__ = ["EMPHASIS", "INK", "SMALL", "counted", "layer_style", "new_figure", "plain_log_ticks", "save", "tidy"]
 
@@ -37,15 +37,12 @@ def layer_style(layer: int) -> tuple[str, str]:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write ``figure`` as PNG; the same figure gives the same bytes. Raises DatasetError where that is impossible."""
-    try:
-        with warnings.catch_warnings():
-            warnings.filterwarnings(
-                "ignore", "Glyph .* missing from"
-            )  # streets have names in all of the world's scripts
-            figure.savefig(path, format="png", dpi=_DPI, metadata={"Software": None})
-    except OSError as error:
-        raise DatasetError(f"{path}: a writable file expected, found: {error.strerror or error}") from error
+    """Write ``figure`` as PNG, whole or not at all; the same figure gives the same bytes. Raises DatasetError where that is
+    impossible.
+    """
+    with whole_file(path, make_folder=False) as file, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from")  # streets have names in all of the world's scripts
+        figure.savefig(file, format="png", dpi=_DPI, metadata={"Software": None})
 
 
 def new_figure(width: float, height: float, *, arrange: bool = True) -> Figure:

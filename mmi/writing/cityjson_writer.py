@@ -28,7 +28,7 @@ from mmi.city.model import City, CityObject, Texture
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError, ParameterError
 from mmi.foundation.srgb import png_bytes
-from mmi.foundation.whole_files import whole_file
+from mmi.foundation.whole_files import whole_file, write_whole
 from mmi.writing.cityjson_geometry import SCALE, Named, Pools, buildings, millimetres, reliefs, roads
 
 __all__ = ["CityJSONSeqWriter", "write_cityjson"]
@@ -66,7 +66,7 @@ def write_cityjson(city: City, path: Path, *, progress: Callable[[int, int], Non
     head = _head(path, city.crs, city.origin, city.source, _extent(city))
     pools = Pools()
     names = _Names()
-    with whole_file(path) as file:
+    with whole_file(path, error=CityError) as file:
         file.write(_text(head)[:-1] + b',"CityObjects":{')
         separator = b""
         for id_, entry, _ in _everything(city, lambda: pools, progress):
@@ -107,7 +107,7 @@ class CityJSONSeqWriter:
         self._file: BinaryIO | None = None
 
     def __enter__(self) -> Self:
-        self._file = self._stack.enter_context(whole_file(self._path))
+        self._file = self._stack.enter_context(whole_file(self._path, error=CityError))
         self._file.write(_text(self._head | {"CityObjects": {}, "vertices": []}) + b"\n")
         return self
 
@@ -267,5 +267,4 @@ def _texture_files(path: Path, textures: Sequence[Texture]) -> list[str]:
 
 def _write_textures(path: Path, textures: Sequence[Texture], files: Sequence[str], used: Iterable[int]) -> None:
     for number in used:
-        with whole_file(path.parent / files[number]) as file:
-            file.write(png_bytes(textures[number].image))
+        write_whole(path.parent / files[number], png_bytes(textures[number].image), error=CityError)

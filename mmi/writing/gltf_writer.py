@@ -63,7 +63,7 @@ def write_glb(city: City, path: Path) -> None:
         pieces = draft.pieces(extras)
     except OverflowError as error:
         raise CityError(f"{path}: {error}; write CityJSON") from error
-    with whole_file(path) as file:
+    with whole_file(path, error=CityError) as file:
         for piece in pieces:
             file.write(piece)
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mmi.foundation.errors import DatasetError, ParameterError
+from mmi.foundation.whole_files import whole_path
 
 __all__ = ["VideoWriter"]
 
@@ -49,20 +49,22 @@ class VideoWriter:
                 f"{path}: pixels and 0.001 to 1000 frames a second expected, found {size} at {frames_per_second}"
             )
         self._path = path
-        self._temporary = path.with_name(f"{path.name}.part-{os.getpid()}")
         self._size = size
         rate = Fraction(frames_per_second).limit_denominator(1001)
         self._sink: _Mp4 | _WebP = _Mp4(rate) if path.suffix.lower() == ".mp4" else _WebP(rate)
         self._frames = 0
+        self._stack = ExitStack()
 
     def __enter__(self) -> Self:
         """Open the temporary file."""
         width, height = (extent + extent % 2 for extent in self._size)
         try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            self._sink.open(self._temporary, width, height)
+            with ExitStack() as stack:
+                temporary = stack.enter_context(whole_path(self._path))
+                stack.callback(self._close)
+                self._sink.open(temporary, width, height)
+                self._stack = stack.pop_all()
         except (OSError, av.error.FFmpegError) as error:
-            self._discard()
             raise self._cannot_write(error) from error
         return self
 
@@ -83,22 +85,21 @@ class VideoWriter:
     ) -> None:
         """Finish and rename the file, or remove it where something went wrong."""
         try:
-            if kind is None and self._frames == 0:
-                raise ValueError(f"{self._path}: at least one frame expected, found none")
-            if kind is None:
-                self._sink.finish()
-                self._temporary.replace(self._path)
+            with self._stack.pop_all() as stack:
+                # What is wrong leaves by the stack, so that the file vanishes.
+                if kind is not None:
+                    stack.__exit__(kind, error, trace)
+                elif self._frames == 0:
+                    raise ValueError(f"{self._path}: at least one frame expected, found none")
+                else:
+                    self._sink.finish()
         except (OSError, av.error.FFmpegError) as failure:
             raise self._cannot_write(failure) from failure
-        finally:
-            self._discard()
 
-    def _discard(self) -> None:
-        """Let go of everything; the temporary file is gone afterwards, if it was not renamed."""
+    def _close(self) -> None:
+        """Let go of the encoder; whatever it says to that, the file is as it is."""
         with suppress(OSError, av.error.FFmpegError):
             self._sink.close()
-        with suppress(OSError):
-            self._temporary.unlink(missing_ok=True)
 
     def _cannot_write(self, error: Exception) -> DatasetError:
         return DatasetError(f"{self._path}: a writable file expected, found: {getattr(error, 'strerror', '') or error}")
