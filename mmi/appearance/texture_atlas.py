@@ -19,6 +19,7 @@ from PIL import Image
 
 from mmi.appearance import facades
 from mmi.city.model import Texture
+from mmi.foundation.shelves import on_shelves
 
 __all__ = ["Atlas", "cut_at_repeats", "pack_atlas"]
 
@@ -69,7 +70,9 @@ def pack_atlas(textures: Sequence[Texture], repeats: NDArray[np.float64], *, pai
         width = facade.shape[1]
         while width < max(widest, min(math.sqrt(area), _LARGEST)):
             width *= 2
-        corners, end = _shelves(taken, width, facade.shape[0] + _WHITE)
+        top = facade.shape[0] + _WHITE
+        outer, (_, shelves) = on_shelves(taken + 2 * _PAD, width)
+        corners, end = outer + np.array([_PAD, top + _PAD]), top + shelves
         if max(width, end) <= _LARGEST:
             break
         scale *= 0.8
@@ -94,19 +97,6 @@ def pack_atlas(textures: Sequence[Texture], repeats: NDArray[np.float64], *, pai
         white=(0.5 * _WHITE / width, (facade.shape[0] + 0.5 * _WHITE) / height),
         facade_scale=(facade.shape[1] / width, facade.shape[0] / height),
     )
-
-
-def _shelves(sizes: NDArray[np.int64], width: int, top: int) -> tuple[NDArray[np.int64], int]:
-    """Corners (n, 2) of padded pictures of ``sizes`` (n, 2), the tallest first, side by side on shelves below ``top``."""
-    corners = np.zeros((len(sizes), 2), dtype=np.int64)
-    x, y, shelf = 0, top, 0
-    for i in np.argsort(-sizes[:, 1], kind="stable"):
-        wide, high = sizes[i] + 2 * _PAD
-        if x + wide > width:
-            x, y, shelf = 0, y + shelf, 0
-        corners[i] = x + _PAD, y + _PAD
-        x, shelf = x + int(wide), max(shelf, int(high))
-    return corners, y + shelf
 
 
 def cut_at_repeats(

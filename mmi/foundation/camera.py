@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mmi.foundation.errors import ParameterError
 
-__all__ = ["Camera", "View", "level_view", "view_towards"]
+__all__ = ["Camera", "View", "level_view", "level_views_around", "view_towards"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,3 +148,10 @@ def view_towards(
 def level_view(eye: NDArray[np.float64], azimuth: float, *, focal: float, window: tuple[int, int, int, int]) -> View:
     """:func:`view_towards` with a level line of sight."""
     return view_towards(eye, azimuth, 0.0, focal=focal, window=window)
+
+
+def level_views_around(
+    eye: NDArray[np.float64], count: int, *, focal: float, window: tuple[int, int, int, int]
+) -> tuple[View, ...]:
+    """``count`` level views from ``eye`` (3,), evenly spread all around: the first towards +X, then counter-clockwise."""
+    return tuple(level_view(eye, 2.0 * math.pi / count * i, focal=focal, window=window) for i in range(count))

@@ -14,7 +14,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry import Polygon
 
-from mmi.foundation.camera import View, level_view
+from mmi.foundation.camera import View, level_views_around
 from mmi.foundation.errors import ParameterError
 from mmi.visibility.cell_outline import TOUCH, footprints_met, sample_viewpoints
 from mmi.visibility.selection import Extractor, Selection, narrowed
@@ -71,4 +71,4 @@ def panorama(
     steepest = math.tan(math.radians(75.0))
     up, down = (math.ceil(focal * min(slope, steepest) / math.cos(half)) + 1 for slope in (rise, fall))
     window = (-(resolution // 2), -up, resolution, up + down)
-    return tuple(level_view(eye, 2.0 * half * i, focal=focal, window=window) for i in range(sectors))
+    return level_views_around(eye, sectors, focal=focal, window=window)

@@ -1,7 +1,7 @@
 """One picture for all layers of a cell, so that they are few draws: where each layer's pictures go, and what borders it.
 
-Shelves: pictures sorted by height stand side by side in rows as high as their first. Between them is a border of repeated
-texels, so that filtering at a picture's edge never meets another.
+Pictures stand on shelves (``mmi.foundation.shelves``). Around each is a border of repeated texels, so that filtering at a
+picture's edge never meets another.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mmi.foundation.shelves import on_shelves
 
 __all__ = ["BORDER", "bordered", "shelves"]
 
@@ -27,17 +29,8 @@ def shelves(sizes: Sequence[tuple[int, int]]) -> tuple[list[tuple[int, int]], tu
     """
     area = sum(width * height for width, height in sizes)
     widest = max([1, round(1.1 * area**0.5), *(width for width, _ in sizes)])
-    corners = [(0, 0)] * len(sizes)
-    x = y = shelf = used = 0
-    for i in sorted(range(len(sizes)), key=lambda i: (-sizes[i][1], -sizes[i][0], i)):
-        width, height = sizes[i]
-        if x + width > widest:
-            x, y, shelf = 0, y + shelf, 0
-        shelf = max(shelf, height)
-        corners[i] = (x, y)
-        x += width
-        used = max(used, x)
-    return corners, (max(used, 1), max(y + shelf, 1))
+    corners, (used, height) = on_shelves(np.array(sizes, dtype=np.int64).reshape(-1, 2), widest)
+    return [(x, y) for x, y in corners.tolist()], (max(used, 1), max(height, 1))
 
 
 def bordered(picture: NDArray[_Kind]) -> NDArray[_Kind]:

@@ -22,7 +22,7 @@ from viewer.cells.layer_atlas import BORDER, bordered, shelves
 from viewer.plan import CellKey
 from viewer.scene.scene import WalkScene
 
-__all__ = ["LoadedCell", "LoadedLayer", "load_cell"]
+__all__ = ["LoadedCell", "LoadedLayer", "cell_bytes", "load_cell"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,9 +58,19 @@ class LoadedCell:
     @property
     def bytes(self) -> int:
         """What it takes in memory, here and on the GPU alike."""
-        measured = any(layer.object_ids is not None for layer in self.layers)
-        meshes = sum(layer.vertices.nbytes + layer.triangles.nbytes for layer in self.layers)
-        return self.size[0] * self.size[1] * (12 if measured else 8) + meshes
+        return cell_bytes(
+            self.size,
+            vertices=sum(len(layer.vertices) for layer in self.layers),
+            triangles=sum(len(layer.triangles) for layer in self.layers),
+            measured=any(layer.object_ids is not None for layer in self.layers),
+        )
+
+
+def cell_bytes(size: tuple[int, int], *, vertices: int, triangles: int, measured: bool) -> int:
+    """Bytes that a cell with an atlas of ``size`` and meshes of so many vertices and triangles takes: texels of colour with
+    coverage, depth and, where measured, object id (4 each); vertices of six numbers, triangles of three indices.
+    """
+    return size[0] * size[1] * (12 if measured else 8) + 24 * vertices + 12 * triangles
 
 
 def load_cell(

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import cache
+from math import ceil
 
 from mmi.dataset.reading import Dataset
 from viewer.cells.cell_cache import CellCache, LayerStore
 from viewer.cells.layer_atlas import BORDER, shelves
-from viewer.cells.loaded_cell import LoadedCell, load_cell
+from viewer.cells.loaded_cell import LoadedCell, cell_bytes, load_cell
 from viewer.plan import CellKey
 from viewer.scene.scene import WalkScene
 
-__all__ = ["cell_cache"]
+__all__ = ["cell_cache", "foretold_bytes"]
 
-_TEXEL_BYTES = 4 + 4  # colour with coverage, depth
-
-_ID_BYTES = 4
-
-_TRIANGLE_BYTES = 12 + 36  # three indices; a vertex and a half, which small pieces of grids come to
+_VERTICES_PER_TRIANGLE = 1.5  # what small pieces of grids come to
 
 
 def cell_cache(
@@ -31,15 +28,14 @@ def cell_cache(
 
     @cache
     def size(key: CellKey) -> int:
-        return _foretold(scenes[key.dataset].dataset, key.cell, measured)
+        return foretold_bytes(scenes[key.dataset].dataset, key.cell, measured=measured)
 
     return CellCache(load, size, store, capacity=capacity)
 
 
-def _foretold(dataset: Dataset, cell: str, measured: bool) -> int:
-    """Bytes that a cell takes in memory, rather more than less, from its manifest entry."""
+def foretold_bytes(dataset: Dataset, cell: str, *, measured: bool) -> int:
+    """Bytes that a cell takes in memory, rather more than less, from its manifest entry: before its files are read."""
     entry = dataset.cell(cell)
     sizes = [(one.window[2] + 2 * BORDER, one.window[3] + 2 * BORDER) for _, one in entry.pictures]
-    width, height = shelves(sizes)[1]
-    texel = _TEXEL_BYTES + (_ID_BYTES if measured else 0)
-    return texel * width * height + _TRIANGLE_BYTES * entry.triangles
+    vertices = ceil(_VERTICES_PER_TRIANGLE * entry.triangles)
+    return cell_bytes(shelves(sizes)[1], vertices=vertices, triangles=entry.triangles, measured=measured)

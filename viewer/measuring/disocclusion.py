@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from mmi.foundation.camera import Camera, View, level_view
+from mmi.foundation.camera import Camera, View, level_views_around
 
 __all__ = ["disocclusion_mask", "panorama_views"]
 
@@ -29,9 +29,7 @@ def panorama_views(eye: NDArray[np.float64], *, camera: Camera) -> tuple[View, .
     down as the camera does: least at their sides.
     """
     count = math.ceil(2.0 * math.pi / camera.fov - 1e-9)
-    return tuple(
-        level_view(eye, 2.0 * math.pi * i / count, focal=camera.focal, window=camera.window) for i in range(count)
-    )
+    return level_views_around(eye, count, focal=camera.focal, window=camera.window)
 
 
 def disocclusion_mask(

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mmi.foundation.camera import Camera, View, level_view, view_towards
+from mmi.foundation.camera import Camera, View, level_view, level_views_around, view_towards
 from mmi.foundation.errors import ParameterError
 
 finite = st.floats(-500.0, 500.0)
@@ -76,3 +76,16 @@ def test_a_pitch_of_a_right_angle_has_no_azimuth():
 def test_a_display_is_a_window_around_the_principal_point():
     assert Camera(640, 400, 1.0).window == (-320, -200, 640, 400)
     assert Camera(5, 3, 1.0).window == (-2, -1, 5, 3)
+
+
+@pytest.mark.parametrize("count", [1, 3, 6, 7])
+def test_views_all_around_are_the_first_one_turned(count):
+    eye = np.array([3.0, -2.0, 1.7])
+    views = level_views_around(eye, count, focal=100.0, window=(-5, -6, 10, 12))
+    assert len(views) == count
+    for i, view in enumerate(views):
+        azimuth = 2.0 * math.pi * i / count
+        ahead = eye + 7.0 * np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
+        np.testing.assert_allclose(view.project(ahead), [0.0, 0.0, 7.0], atol=1e-9)
+        np.testing.assert_allclose(view.eye, eye, atol=1e-12)
+        assert (view.focal, view.window) == (100.0, (-5, -6, 10, 12))

@@ -4,6 +4,7 @@ import pytest
 from mmi.foundation.errors import DatasetError
 from viewer.cells.layer_atlas import BORDER
 from viewer.cells.loaded_cell import load_cell
+from viewer.cells.scene_cache import foretold_bytes
 from viewer.plan import CellKey
 
 
@@ -37,6 +38,25 @@ def test_a_loaded_cell_is_what_was_captured(scene, dataset):
     plain = load_cell(scene, "0001-01")
     assert all(layer.object_ids is None for layer in plain.layers)
     assert plain.bytes < loaded.bytes
+
+
+@pytest.mark.parametrize("measured", [False, True])
+def test_bytes_are_those_of_the_arrays_and_foretold_from_the_manifest(scene, dataset, measured):
+    """On the GPU the atlas has all texels of the arrays, and those between pictures."""
+    for entry in dataset.manifest["cells"]:
+        loaded = load_cell(scene, entry["id"], measured=measured)
+        assert loaded.layers
+        pictures = [
+            [one for one in (layer.pixels, layer.depth, layer.object_ids) if one is not None] for layer in loaded.layers
+        ]
+        texel = {sum(one.nbytes for one in some) / some[1].size for some in pictures}
+        assert len(texel) == 1
+        held = sum(one.nbytes for some in pictures for one in some)
+        meshes = sum(layer.vertices.nbytes + layer.triangles.nbytes for layer in loaded.layers)
+        assert loaded.bytes == loaded.size[0] * loaded.size[1] * texel.pop() + meshes
+        assert held + meshes <= loaded.bytes
+        foretold = foretold_bytes(dataset, entry["id"], measured=measured)
+        assert loaded.bytes <= foretold <= 1.1 * loaded.bytes
 
 
 def test_damaged_files_are_refused(tmp_path, dataset):
