@@ -6,7 +6,7 @@ from shapely import LineString, box
 from mmi.cells.viewing_cells import viewing_cells
 from mmi.city.model import City, CityObject, Prism
 from mmi.planning.parameters import BuildParameters
-from mmi.planning.plan import CellPlan, plan_cell, prepare_scene
+from mmi.planning.plan import CellPlan, plan_cell, prepare_city
 
 
 def main() -> CellPlan:
@@ -23,7 +23,7 @@ def main() -> CellPlan:
 
     cells = viewing_cells(city)
     cell = cells.nodes[min(cells)]["cell"]
-    plan = plan_cell(prepare_scene(city, BuildParameters(max_error_px=5.0)), cell)
+    plan = plan_cell(prepare_city(city, BuildParameters(max_error_px=5.0)), cell)
     names = [house.id for house in city.objects]
     print(f"cell {cell.id} of {len(cells)}, {cell.length:.0f} m of {cell.street}")
     print("near: ", ", ".join(names[i] for i in plan.selection.near))

@@ -65,6 +65,18 @@ def test_a_walk_of_ones_own_is_drawn(built, capsys, tmp_path):
         assert np.asarray(picture).std() > 20.0
 
 
+def test_plots_of_ones_own_are_written(built, tmp_path):
+    drawn, depths = load("plots_of_ones_own").main(built[0], tmp_path / "map.svg", tmp_path / "depths.pdf")
+    assert (tmp_path / "map.svg").read_text().startswith("<?xml") and (tmp_path / "depths.pdf").read_bytes()[
+        :4
+    ] == b"%PDF"
+    cell = open_dataset(built[0]).manifest["cells"][0]
+    assert f"near, stays geometry ({len(cell['near'])})" in {text.get_text() for text in drawn.legends[0].get_texts()}
+    layers = {layer["index"] for sector in cell["layers"] for layer in sector}
+    assert {text.get_text() for text in depths.axes[0].get_yticklabels()} == {f"layer {i}" for i in layers}
+    assert all(bar.get_width() > 0.0 for bar in depths.axes[0].patches)
+
+
 def test_own_buildings_are_near_in_layers_or_hidden(capsys):
     plan = load("own_buildings").main()
     out = capsys.readouterr().out

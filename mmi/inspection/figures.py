@@ -1,11 +1,16 @@
-"""What all plots share: figures drawn by Agg without pyplot's global state, the layers' colours, and a few habits."""
+"""What all plots share: figures without pyplot's global state, files of them, the layers' colours, and a few habits.
+
+Plots are functions from values to a Figure; writing one to a file is a step of its own.
+"""
 
 from __future__ import annotations
 
+import io
 import math
 import warnings
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -14,9 +19,22 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
-from mmi.foundation.whole_files import whole_file
+from mmi.foundation.errors import ParameterError
+from mmi.foundation.whole_files import write_whole
 
-__all__ = ["EMPHASIS", "INK", "SMALL", "counted", "layer_style", "new_figure", "plain_log_ticks", "save", "tidy"]
+__all__ = [
+    "EMPHASIS",
+    "INK",
+    "PICTURE_FORMATS",
+    "SMALL",
+    "counted",
+    "encoded",
+    "layer_style",
+    "new_figure",
+    "plain_log_ticks",
+    "save",
+    "tidy",
+]
 
 INK = "#222222"
 """Outlines and marks."""
@@ -24,6 +42,9 @@ EMPHASIS = "#D55E00"
 """The one line in a diagram that matters."""
 SMALL = 8.0
 """Font size of all but titles, points."""
+
+PICTURE_FORMATS = ("png", "svg", "pdf")
+"""What a figure can be written as."""
 
 # Okabe & Ito's palette, which colour-blind readers can tell apart, without black; hatches tell its rounds apart.
 _COLORS = ("#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7")
@@ -36,13 +57,32 @@ def layer_style(layer: int) -> tuple[str, str]:
     return _COLORS[layer % len(_COLORS)], _HATCHES[layer // len(_COLORS) % len(_HATCHES)]
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Write ``figure`` as PNG, whole or not at all; the same figure gives the same bytes. Raises DatasetError where that is
-    impossible.
+def encoded(figure: Figure, picture_format: str = "png") -> bytes:
+    """``figure`` as a file of one of ``PICTURE_FORMATS``; the same figure gives the same bytes. Raises ParameterError.
+
+    SVG has its text as outlines, so that it looks the same everywhere; PDF carries its fonts. Neither holds a date.
     """
-    with whole_file(path, make_folder=False) as file, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from")  # streets have names in all of the world's scripts
-        figure.savefig(file, format="png", dpi=_DPI, metadata={"Software": None})
+    if picture_format not in PICTURE_FORMATS:
+        raise ParameterError(f"format: {', '.join(PICTURE_FORMATS)} expected, found {picture_format!r}")
+    nothing = {"png": ("Software",), "svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
+    file = io.BytesIO()
+    with (
+        warnings.catch_warnings(),
+        # Ids inside an SVG are random without a salt.
+        mpl.rc_context({"svg.hashsalt": "multi-mesh impostors", "svg.fonttype": "path", "pdf.fonttype": 42}),
+    ):
+        # Streets have names in all of the world's scripts.
+        warnings.filterwarnings("ignore", "Glyph .* missing from")
+        figure.savefig(file, format=picture_format, dpi=_DPI, metadata=dict.fromkeys(nothing[picture_format]))
+    return file.getvalue()
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write ``figure`` whole or not at all, in the format that the name of ``path`` ends with.
+
+    Raises ParameterError for other endings than ``PICTURE_FORMATS``, DatasetError where the file cannot be written.
+    """
+    write_whole(path, encoded(figure, path.suffix.removeprefix(".")))
 
 
 def new_figure(width: float, height: float, *, arrange: bool = True) -> Figure:

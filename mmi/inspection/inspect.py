@@ -16,7 +16,7 @@ from mmi.dataset.cell_files import read_impostor
 from mmi.dataset.manifest import CellEntry
 from mmi.dataset.reading import Dataset
 from mmi.foundation.errors import DatasetError, ParameterError
-from mmi.inspection.figures import counted, save
+from mmi.inspection.figures import PICTURE_FORMATS, counted, save
 from mmi.inspection.layer_sheets import dataset_histograms, layer_sheet
 from mmi.inspection.maps import birds_eye, event_graph_plot
 from mmi.planning.plan import CellPlan, PreparedCity, plan_cell, prepare_city
@@ -32,17 +32,22 @@ def inspect_dataset(
     output: Path,
     *,
     cells: Sequence[str] | None = None,
+    format: str = "png",  # noqa: A002 - matplotlib's word for it
     progress: Callable[[int, int, str], None] | None = None,
 ) -> list[Path]:
     """Draw ``cells``, by default the :func:`typical_cell`, into folder ``output``; the files written, in order.
 
     For each cell ``ID-map.png`` (bird's-eye view, paper figure 5), ``ID-graph.png`` (visibility events and their weights)
-    and ``ID-sector-K.png`` for each sector K that has layers; then ``histograms.png`` over all cells of the dataset.
+    and ``ID-sector-K.png`` for each sector K that has layers; then ``histograms.png`` over all cells of the dataset;
+    other endings for other formats (``png``, ``svg``, ``pdf``). The same dataset gives the same bytes.
     ``progress`` is called with (pictures done, pictures in all, the last one's name).
 
-    Raises DatasetError when there is no such cell or none at all, when the dataset is damaged or was built by another
-    version, or when ``output`` cannot be written; CaptureError where visibility by item buffer finds no OpenGL.
+    Raises ParameterError for an unknown format; DatasetError when there is no such cell or none at all, when the dataset
+    is damaged or was built by another version, or when ``output`` cannot be written; CaptureError where visibility by
+    item buffer finds no OpenGL.
     """
+    if format not in PICTURE_FORMATS:
+        raise ParameterError(f"format: {', '.join(PICTURE_FORMATS)} expected, found {format!r}")
     chosen = dict.fromkeys([typical_cell(dataset)] if cells is None else cells)
     entries = [dataset.cell(cell) for cell in chosen]
     total = sum(2 + sum(bool(sector) for sector in entry.layers) for entry in entries) + 1
@@ -57,8 +62,8 @@ def inspect_dataset(
     written: list[Path] = []
 
     def write(name: str, figure: Figure) -> None:
-        save(figure, output / f"{name}.png")
-        written.append(output / f"{name}.png")
+        written.append(output / f"{name}.{format}")
+        save(figure, written[-1])
         if progress is not None:
             progress(len(written), total, name)
 
@@ -125,11 +130,9 @@ def _planned(dataset: Dataset, prepared: PreparedCity, entry: CellEntry, identif
 
 
 def _histograms(dataset: Dataset) -> Figure:
-    cells, parameters = dataset.manifest.cells, dataset.manifest.parameters
-    display, promising = parameters.camera, sum(one.promised_error_px is not None for one in cells)
-    bound = "no bound on the error" if not promising else f"at most {parameters.max_error_px:g} px of error"
-    if 0 < promising < len(cells):
-        bound += f" in {promising} of them"
+    cells, display = dataset.manifest.cells, dataset.manifest.parameters.camera
+    promised = [one.promised_error_px for one in cells if one.promised_error_px is not None]
+    shown_at = f"at {display.width} x {display.height}"
     return dataset_histograms(
         layers_per_view=[len({layer.index for layer in sector}) for one in cells for sector in one.layers],
         cell_bytes=[one.bytes for one in cells],
@@ -137,8 +140,16 @@ def _histograms(dataset: Dataset) -> Figure:
         visible_objects=[len(one.near) + len(one.far) for one in cells],
         triangles=[one.triangles for one in cells],
         title=f"{Path(dataset.manifest.city.source).name}: {counted(len(cells), 'cell')}, "
-        f"{bound} at {display.width} x {display.height}",
+        f"{_promise(promised, len(cells), shown_at)}",
     )
+
+
+def _promise(promised: Sequence[float], cells: int, shown_at: str) -> str:
+    """What is promised of the error, in words: ``promised`` are the pixels of those of all ``cells`` that promise any."""
+    if not promised:
+        return f"no bound on the error {shown_at}"
+    bound = f"at most {max(promised):g} px of error {shown_at}"
+    return bound if len(promised) == cells else f"{bound}, promised for {len(promised)} of them"
 
 
 @contextmanager

@@ -14,7 +14,7 @@ __all__ = ["inspect_layers"]
 _EXAMPLE = """\
 example:
   inspect-layers out/helsinki -o out/plots
-  inspect-layers out/helsinki --cell 0017-00 -o out/plots
+  inspect-layers out/helsinki --cell 0017-00 --format svg -o out/plots
 """
 
 
@@ -33,6 +33,12 @@ def inspect_layers(arguments: Sequence[str] | None = None) -> NoReturn:
     parser.add_argument(
         "--cell", action="append", metavar="ID", help="a cell to plot (again for more; default: one typical)"
     )
+    parser.add_argument(
+        "--format",
+        choices=("png", "svg", "pdf"),
+        default="png",
+        help="what the pictures are written as (default: %(default)s)",
+    )
     parser.add_argument("--json", action="store_true", help="list the files written as JSON on standard output")
     run_program(parser, arguments, _inspect, kept="the pictures so far are kept")
 
@@ -43,7 +49,7 @@ def _inspect(options: argparse.Namespace) -> None:
 
     dataset = open_dataset(options.dataset)
     with ProgressBar("pictures") as advance:
-        written = inspect_dataset(dataset, options.output, cells=options.cell, progress=advance)
+        written = inspect_dataset(dataset, options.output, cells=options.cell, format=options.format, progress=advance)
     if options.json:
         print(json.dumps([str(path) for path in written], indent=1))
     else:

@@ -20,7 +20,7 @@ from PIL import Image
 from mmi.foundation.errors import DatasetError
 from mmi.foundation.json_forms import readable_json
 from mmi.foundation.whole_files import write_whole
-from mmi.inspection.figures import counted
+from mmi.inspection.figures import counted, encoded
 from viewer.report.plots import distributions, errors_along_walk, frame_times, technique_color
 
 __all__ = ["write_report"]
@@ -263,9 +263,7 @@ def _key(name: str) -> str:
 
 def _figure(figure: Figure, caption: str) -> str:
     """A diagram as part of the page."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
-    image = _image(buffer.getvalue(), "png", caption)
+    image = _image(encoded(figure), "png", caption)
     return f'<figure class="plot"><div class="wide">{image}</div><figcaption>{caption}.</figcaption></figure>'
 
 

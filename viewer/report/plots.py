@@ -1,6 +1,7 @@
 """Diagrams of a report of compare-impostors: frame times and errors of techniques, along a walk and over all views.
 
-Every function turns values of report.json into a matplotlib Figure; the same values give the same figure.
+Every function turns values of report.json into a matplotlib Figure; the same values give the same figure, and
+:mod:`mmi.inspection.figures` writes it to a file.
 """
 
 from __future__ import annotations
@@ -78,8 +79,11 @@ def frame_times(series: Mapping[str, Mapping[str, Any]]) -> Figure:
     return figure
 
 
-def errors_along_walk(scored: Scored, *, promise_px: float) -> Figure:
-    """Thickness and share of wrong pixels of the compared views over time, for views that have a time."""
+def errors_along_walk(scored: Scored, *, promise_px: float | None) -> Figure:
+    """Thickness and share of wrong pixels of the compared views over time, for views that have a time.
+
+    A line marks ``promise_px``, how thick the dataset promises wrong regions to be at most; None where it promises nothing.
+    """
     figure = new_figure(8.0, 5.2)
     above, below = figure.subplots(2, 1, sharex=True)
     for name, views in scored.items():
@@ -90,16 +94,17 @@ def errors_along_walk(scored: Scored, *, promise_px: float) -> Figure:
             axes.plot(
                 times, values, ".-", color=technique_color(name), linewidth=0.9, markersize=3.0, zorder=_order(name)
             )
-    above.axhline(promise_px, color=INK, linestyle="--", linewidth=0.9)
-    above.annotate(
-        "promise",
-        (0.0, promise_px),
-        xycoords=("axes fraction", "data"),
-        xytext=(3, 2),
-        textcoords="offset points",
-        fontsize=SMALL,
-    )
-    _from_zero(above, "y", max(promise_px, _most(scored, "wrong_thickness_px")), 1.0)
+    if promise_px is not None:
+        above.axhline(promise_px, color=INK, linestyle="--", linewidth=0.9)
+        above.annotate(
+            "promise",
+            (0.0, promise_px),
+            xycoords=("axes fraction", "data"),
+            xytext=(3, 2),
+            textcoords="offset points",
+            fontsize=SMALL,
+        )
+    _from_zero(above, "y", max(promise_px or 0.0, _most(scored, "wrong_thickness_px")), 1.0)
     _from_zero(below, "y", 100.0 * _most(scored, "wrong_share"), 0.01)
     _finish(above, "thickness of wrong regions (px)")
     _finish(below, "wrong (% of pixels)")
@@ -108,12 +113,15 @@ def errors_along_walk(scored: Scored, *, promise_px: float) -> Figure:
     return figure
 
 
-def distributions(scored: Scored, *, promise_px: float) -> Figure:
-    """For each thickness, and each share of wrong pixels, the share of views that have no more."""
+def distributions(scored: Scored, *, promise_px: float | None) -> Figure:
+    """For each thickness, and each share of wrong pixels, the share of views that have no more.
+
+    A line marks ``promise_px``, how thick the dataset promises wrong regions to be at most; None where it promises nothing.
+    """
     figure = new_figure(8.0, 3.4)
     left, right = figure.subplots(1, 2, sharey=True)
     ends = {
-        "wrong_thickness_px": _from_zero(left, "x", max(promise_px, _most(scored, "wrong_thickness_px")), 1.0),
+        "wrong_thickness_px": _from_zero(left, "x", max(promise_px or 0.0, _most(scored, "wrong_thickness_px")), 1.0),
         "wrong_share": _from_zero(right, "x", 100.0 * _most(scored, "wrong_share"), 0.01),
     }
     for axes, key, scale in ((left, "wrong_thickness_px", 1.0), (right, "wrong_share", 100.0)):
@@ -124,8 +132,9 @@ def distributions(scored: Scored, *, promise_px: float) -> Figure:
             axes.step(
                 edges, [*share, 100.0], where="post", color=technique_color(name), linewidth=1.2, zorder=_order(name)
             )
-    left.axvline(promise_px, color=INK, linestyle="--", linewidth=0.9)
-    left.annotate("promise ", (promise_px, 2.0), ha="right", fontsize=SMALL)
+    if promise_px is not None:
+        left.axvline(promise_px, color=INK, linestyle="--", linewidth=0.9)
+        left.annotate("promise ", (promise_px, 2.0), ha="right", fontsize=SMALL)
     left.set_ylim(0.0, 103.0)
     _finish(left, "views (%) with at most")
     _finish(right, "")

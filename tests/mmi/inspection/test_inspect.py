@@ -16,6 +16,7 @@ from mmi.city.model import City
 from mmi.dataset.reading import open_dataset
 from mmi.foundation.camera import Camera
 from mmi.foundation.errors import DatasetError, ParameterError
+from mmi.inspection.figures import PICTURE_FORMATS
 from mmi.inspection.inspect import inspect_dataset, typical_cell
 from mmi.inspection.layer_sheets import dataset_histograms
 from mmi.planning.parameters import BuildParameters
@@ -54,6 +55,19 @@ def test_cells_asked_for_are_drawn_once_and_give_the_same_bytes(built, tmp_path)
         assert path.read_bytes() == (tmp_path / "a" / path.name).read_bytes()
 
 
+def test_pictures_come_in_other_formats(built, tmp_path):
+    written = inspect_dataset(built, tmp_path, format="svg")
+    assert {path.suffix for path in written} == {".svg"} and sorted(tmp_path.iterdir()) == sorted(written)
+    for path in written:
+        assert path.read_text().startswith("<?xml")
+
+
+def test_unknown_formats_are_refused_before_anything_is_written(built, tmp_path):
+    with pytest.raises(ParameterError, match="format: png, svg, pdf expected, found 'gif'"):
+        inspect_dataset(built, tmp_path / "plots", format="gif")
+    assert not (tmp_path / "plots").exists()
+
+
 def entry(cell, layers, far):
     return cell, layers, far
 
@@ -88,7 +102,9 @@ def test_a_cell_without_layers_has_its_map(tmp_path):
     assert [path.name for path in written] == [f"{cell}-map.png", f"{cell}-graph.png", "histograms.png"]
 
 
-def test_one_layer_for_all_is_drawn_and_no_bound_claimed(tmp_path, monkeypatch):
+@pytest.fixture
+def titles(monkeypatch):
+    """The titles of all histograms drawn since."""
     titles = []
 
     def noted(*, title, **figures):
@@ -96,11 +112,24 @@ def test_one_layer_for_all_is_drawn_and_no_bound_claimed(tmp_path, monkeypatch):
         return dataset_histograms(title=title, **figures)
 
     monkeypatch.setattr(mmi.inspection.inspect, "dataset_histograms", noted)
-    build_dataset(crossroads(), tmp_path / "out", replace(PARAMETERS, layering="single"), max_cells=1)
-    single = open_dataset(tmp_path / "out")
-    assert len(inspect_dataset(single, tmp_path / "plots")) > 3
+    return titles
+
+
+@pytest.mark.parametrize("choice", [{"layering": "single"}, {"weights": "critical-zone"}])
+def test_what_keeps_no_bound_is_drawn_and_none_claimed(tmp_path, titles, choice):
+    build_dataset(crossroads(), tmp_path / "out", replace(PARAMETERS, **choice), max_cells=1)
+    assert len(inspect_dataset(open_dataset(tmp_path / "out"), tmp_path / "plots")) > 3
     (title,) = titles
     assert title.endswith("no bound on the error at 128 x 128")
+
+
+def test_a_bound_is_claimed_for_the_cells_that_promise_it(built, tmp_path, titles):
+    inspect_dataset(built, tmp_path, cells=[])
+    inspect_dataset(changed(built, promised_error_px=None), tmp_path, cells=[])
+    assert [title.split(", ", 1)[1] for title in titles] == [
+        "at most 10 px of error at 128 x 128",
+        "at most 10 px of error at 128 x 128, promised for 2 of them",
+    ]
 
 
 def test_visibility_by_item_buffer_is_planned_again_too(tmp_path):
@@ -162,6 +191,16 @@ def test_the_program_lists_what_it_wrote(built, tmp_path, capsys):
     assert run(built.path, "-o", tmp_path, "--json") == 0
     listed = json.loads(capsys.readouterr().out)
     assert sorted(listed) == sorted(map(str, tmp_path.glob("*.png"))) and listed
+
+
+def test_the_program_writes_every_format_and_refuses_others(built, tmp_path, capsys):
+    assert run(built.path, "-o", tmp_path, "--format", "pdf") == 0
+    assert {path.suffix for path in tmp_path.iterdir()} == {".pdf"}
+    for form in PICTURE_FORMATS:  # understood, and then there is no dataset
+        assert run(tmp_path / "none", "-o", tmp_path, "--format", form) == 2
+        assert "none" in capsys.readouterr().err
+    assert run(built.path, "-o", tmp_path, "--format", "gif") == 2
+    assert "'gif'" in capsys.readouterr().err
 
 
 def test_the_program_says_what_is_wrong_in_one_line(built, tmp_path, capsys):

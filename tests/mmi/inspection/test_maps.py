@@ -14,8 +14,7 @@ from shapely.geometry import LineString, Polygon, box
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.city.model import City, CityObject, Prism
 from mmi.foundation.camera import Camera
-from mmi.foundation.errors import DatasetError
-from mmi.inspection.figures import layer_style, new_figure, save
+from mmi.inspection.figures import layer_style
 from mmi.inspection.maps import birds_eye, event_graph_plot
 from mmi.planning.plan import CellPlan
 from mmi.visibility.selection import Selection
@@ -170,12 +169,3 @@ def test_nothing_overlaps_and_nothing_is_cut(shape):
 
 def test_layers_look_different():
     assert len({layer_style(layer) for layer in range(28)}) == 28
-
-
-def test_saved_pictures_are_the_same_bytes_and_failures_say_where(tmp_path):
-    city, plan = plan_of()
-    for name in ("a.png", "b.png"):
-        save(birds_eye(city, plan), tmp_path / name)
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-    with pytest.raises(DatasetError, match=r"missing/a\.png"):
-        save(new_figure(1.0, 1.0), tmp_path / "missing" / "a.png")

@@ -378,6 +378,15 @@ def test_diagrams_hold_every_technique_in_its_colour():
     assert set(lines(above)) == set(lines(below)) == colors
 
 
+def test_diagrams_of_datasets_that_promise_nothing_mark_no_promise():
+    scored = report_of(True)["scored"]
+    for plot in (errors_along_walk, distributions):
+        for promise, marks in ((7.0, 1), (None, 0)):
+            axes = plot(scored, promise_px=promise).axes[0]
+            assert sum(line.get_linestyle() == "--" for line in axes.lines) == marks
+            assert sum("promise" in text.get_text() for text in axes.texts) == marks
+
+
 def test_distributions_count_the_views_that_have_no_more():
     views = [{"wrong_thickness_px": float(t), "wrong_share": 0.001 * t} for t in (4, 0, 2, 2, 10)]
     left, right = distributions({"multi-mesh": views}, promise_px=7.0).axes
