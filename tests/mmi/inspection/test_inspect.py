@@ -125,7 +125,7 @@ def test_what_keeps_no_bound_is_drawn_and_none_claimed(tmp_path, titles, choice)
 
 def test_a_bound_is_claimed_for_the_cells_that_promise_it(built, tmp_path, titles):
     inspect_dataset(built, tmp_path, cells=[])
-    inspect_dataset(changed(built, promised_error_px=None), tmp_path, cells=[])
+    inspect_dataset(with_first_cell(built, promised_error_px=None, promise_withheld="a reason"), tmp_path, cells=[])
     assert [title.split(", ", 1)[1] for title in titles] == [
         "at most 10 px of error at 128 x 128",
         "at most 10 px of error at 128 x 128, promised for 2 of them",
