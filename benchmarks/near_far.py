@@ -26,7 +26,8 @@ from mmi.city.long_objects import cut_objects
 from mmi.city.model import City
 from mmi.parallax.critical_zone import cell_region
 from mmi.parallax.paper_weights import critical_zone_weights
-from mmi.parallax.ray_weights import same_ray_weights, self_parallax
+from mmi.parallax.ray_weights import same_ray_weights
+from mmi.parallax.self_parallax import self_parallax
 from mmi.planning.layering import assign_layers, boxes_of, event_graph
 from mmi.planning.parameters import BuildParameters
 from mmi.planning.plan import PreparedCity, prepare_city

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mmi.foundation.errors import ParameterError
 from mmi.parallax.critical_zone import cell_region
-from mmi.parallax.ray_weights import self_parallax
+from mmi.parallax.self_parallax import self_parallax
 from mmi.visibility.selection import Extractor, Selection
 from mmi.visibility.walls import Walls
 
@@ -61,7 +61,7 @@ def near_by_parallax(
     """Near is what may show more than ``threshold`` radians of itself that a picture from the reference viewpoint misses.
 
     ``walls`` are those of the selection's city, ``texel`` is the angle of a texel in radians
-    (:func:`mmi.parallax.ray_weights.self_parallax`); ``factors`` (object -> factor) raise what landmarks miss.
+    (:func:`mmi.parallax.self_parallax.self_parallax`); ``factors`` (object -> factor) raise what landmarks miss.
     """
 
     def extract(selection: Selection) -> Selection:

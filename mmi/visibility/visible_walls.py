@@ -9,7 +9,7 @@ sight counts with the stretch of the outline where it leaves the cell.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -27,15 +27,14 @@ VIEWPOINTS = 64
 """Around a cell, at least."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class VisibleWalls:
-    """The walls of some objects as seen from the reference viewpoint, and the viewpoints that may see them.
+class VisibleWalls(NamedTuple):
+    """The walls of some objects as seen from the reference viewpoint, and the viewpoints that may see them; kernels take it.
 
     ``a``, ``b`` (w, 2) metres from the reference; ``bottom``, ``low``, ``top`` (w,) metres above it: the wall, and the lowest
     that is visible of it; ``owner`` (w,) counts in the list of objects, object i has walls ``first[i]`` to ``first[i + 1]``.
-    ``whence`` (w, p): which of the ``viewpoints`` (p, 2), metres from the reference, may see it, none where it is hidden.
-    ``open`` (w,): of a prism whose underside or roof may be seen, which ends at this wall; all viewpoints count for these.
-    ``rise`` is half the height of the eye band in metres.
+    ``visible_from`` (w, p): which of the ``viewpoints`` (p, 2), metres from the reference, may see the wall; none where it is
+    hidden. ``open`` (w,): the wall belongs to a prism whose underside or roof may be seen, and which ends at this wall; all
+    viewpoints count for these. ``rise`` is half the height of the eye band in metres.
     """
 
     a: NDArray[np.float64]
@@ -45,7 +44,7 @@ class VisibleWalls:
     top: NDArray[np.float64]
     owner: NDArray[np.int64]
     first: NDArray[np.int64]
-    whence: NDArray[np.bool_]
+    visible_from: NDArray[np.bool_]
     open: NDArray[np.bool_]
     viewpoints: NDArray[np.float64]
     rise: float
@@ -68,10 +67,10 @@ def visible_walls(
     low = bottom.copy() if wall_visibility is None else np.maximum(bottom, wall_visibility.lowest[index] - eye)
     seen = seen_from(bits, bins)
     viewpoints = around(corners, seen.shape[1])
-    whence = _whence(a, b, seen & (low < top)[:, None], corners, viewpoints)
+    visible_from = _visible_from(a, b, seen & (low < top)[:, None], corners, viewpoints)
     rise = 0.5 * (cell.eye[1] - cell.eye[0])
     ends = (bottom > -rise) | (top < rise)
-    whence[ends], low[ends] = True, bottom[ends]
+    visible_from[ends], low[ends] = True, bottom[ends]
     return VisibleWalls(
         a=a,
         b=b,
@@ -80,7 +79,7 @@ def visible_walls(
         top=top,
         owner=np.repeat(np.arange(len(objects)), counts),
         first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-        whence=whence,
+        visible_from=visible_from,
         open=ends,
         viewpoints=viewpoints,
         rise=rise,
@@ -115,7 +114,7 @@ def seen_from(bits: NDArray[np.uint64], bins: int) -> NDArray[np.bool_]:
 
 
 @njit(cache=True, error_model="numpy")
-def _whence(
+def _visible_from(
     a: NDArray[np.float64],
     b: NDArray[np.float64],
     visible: NDArray[np.bool_],
@@ -130,7 +129,7 @@ def _whence(
     along, across = math.hypot(length[0], length[1]), math.hypot(width[0], width[1])
     around = 2.0 * (along + across)
     ux, uy = length / along
-    whence = np.zeros((len(a), p), dtype=np.bool_)
+    visible_from = np.zeros((len(a), p), dtype=np.bool_)
     seen, left = np.empty(p, dtype=np.bool_), np.empty(p, dtype=np.bool_)
     for w in range(len(a)):
         ex, ey = b[w, 0] - a[w, 0], b[w, 1] - a[w, 1]
@@ -159,5 +158,5 @@ def _whence(
                     at = along + across + (along - qx) if dy > 0.0 else qx
                 place = math.floor(at / around * p)
                 left[place % p] = left[(place + 1) % p] = True
-        whence[w] = left
-    return whence
+        visible_from[w] = left
+    return visible_from

@@ -15,7 +15,8 @@ from solids import CELLS, SOLIDS, Solids, _cast, city_from, el, horseshoe
 
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.city.model import CityObject, Prism
-from mmi.parallax.ray_weights import same_ray_weights, self_parallax
+from mmi.parallax.ray_weights import same_ray_weights
+from mmi.parallax.self_parallax import self_parallax
 from mmi.visibility.horizon import horizon_visible, prepare_horizon
 from mmi.visibility.walls import walls_of
 
