@@ -55,14 +55,38 @@ def widest(
             continue
         x1, x2, y = near - viewpoints.along[k], far - viewpoints.along[k], viewpoints.aside[k]
         r1, r2 = x1 * x1 + y * y, x2 * x2 + y * y
-        # Elevations part most where d/ds (atan(near s / r1) - atan(far s / r2)) = 0.
-        steep = math.sqrt(math.sqrt(r1 * r2) / (near * far))
-        for slope in (lowest, level, highest, min(max(steep, lowest), highest)):
+        for slope in (
+            lowest,
+            level,
+            highest,
+            _within(_parting_most(near, far, r1, r2, x1 * x2 + y * y), lowest, highest),
+            # Elevations part most where d/ds (atan(near s / r1) - atan(far s / r2)) = 0: a rise counts most there.
+            _within(math.sqrt(math.sqrt(r1 * r2) / (near * far)), lowest, highest),
+        ):
             z1, z2 = slope * near, slope * far
             n1, n2 = 1.0 / math.sqrt(r1 + z1 * z1), 1.0 / math.sqrt(r2 + z2 * z2)
             dx, dy, dz = x1 * n1 - x2 * n2, y * (n1 - n2), abs(z1 * n1 - z2 * n2) + viewpoints.rise * abs(n1 - n2)
             most = max(most, dx * dx + dy * dy + dz * dz)
     return most
+
+
+@njit(cache=True, error_model="numpy")
+def _within(slope: float, lowest: float, highest: float) -> float:
+    """``slope`` upwards if it is in the range or beyond it, or else downwards, moved into the range if need be."""
+    return min(max(slope, lowest), highest) if slope <= highest else min(max(-slope, lowest), highest)
+
+
+@njit(cache=True, error_model="numpy")
+def _parting_most(near: float, far: float, r1: float, r2: float, dot: float) -> float:
+    """The slope (upwards or downwards) of the ray whose points ``near`` and ``far`` metres away part most, 0 for level.
+
+    ``r1``, ``r2`` are the squares of their horizontal distances from the viewpoint, ``dot`` the product of the two offsets. At
+    a slope s the cosine of the angle is (dot + s^2 near far) / sqrt((r1 + s^2 near^2) (r2 + s^2 far^2)); its derivative by
+    s^2 is linear once the denominators are gone.
+    """
+    product, sums = near * far, near * near * r2 + far * far * r1
+    numerator, denominator = dot * sums - 2.0 * product * r1 * r2, product * (sums - 2.0 * dot * product)
+    return math.sqrt(numerator / denominator) if numerator > 0.0 and denominator > 0.0 else 0.0
 
 
 @njit(cache=True, error_model="numpy")

@@ -2,8 +2,9 @@
 
 An object's front hides its own sides and wings (:mod:`mmi.parallax.ray_weights` says what counts). Rays from the reference
 go through the ends of every wall that may be seen, just beside them, and through points between. On each, what may be seen of
-a wall counts against the walls in front of it. A wall also runs through many depths within one texel where the capture looks
-along it, and so do a roof and an underside.
+a wall counts against the walls in front of it, where both have points at a common slope. Two edges that meet in the picture
+between such rays begin or end that, and have a ray of their own. A wall also runs through many depths within one texel where
+the capture looks along it, and so do a roof and an underside.
 
 An object of thousands of walls (a block, a long terrace) has many rays, and each meets many walls. Two things keep that from
 growing with the cube of their number, and neither changes the value: walls are looked up by azimuth, and rays and walls
@@ -137,6 +138,16 @@ def _fan(a: NDArray[np.float64], b: NDArray[np.float64], first: int, end: int) -
 
 
 @njit(cache=True, error_model="numpy")
+def _distance(ux: float, uy: float, a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Metres to where the ray towards (ux, uy) meets the wall from ``a`` to ``b`` (2,), 0 where it does not."""
+    ca, cb = ux * a[1] - uy * a[0], ux * b[1] - uy * b[0]
+    if (ca > 0.0) == (cb > 0.0):
+        return 0.0
+    s = ca / (ca - cb)
+    return max(ux * (a[0] + s * (b[0] - a[0])) + uy * (a[1] + s * (b[1] - a[1])), 0.0)
+
+
+@njit(cache=True, error_model="numpy")
 def _meet(ux: float, uy: float, a: NDArray[np.float64], b: NDArray[np.float64], fan: _Fan, hits: _Hits) -> int:
     """Sets ``hits`` to the walls that the ray towards (ux, uy) meets, in order of the walls; returns how many."""
     azimuth = math.atan2(fan.zero[0] * uy - fan.zero[1] * ux, fan.zero[0] * ux + fan.zero[1] * uy)
@@ -144,11 +155,7 @@ def _meet(ux: float, uy: float, a: NDArray[np.float64], b: NDArray[np.float64], 
     count = 0
     for entry in range(fan.starts[at], fan.starts[at + 1]):
         i = fan.walls[entry]
-        ca, cb = ux * a[i, 1] - uy * a[i, 0], ux * b[i, 1] - uy * b[i, 0]
-        if (ca > 0.0) == (cb > 0.0):
-            continue
-        s = ca / (ca - cb)
-        hit = ux * (a[i, 0] + s * (b[i, 0] - a[i, 0])) + uy * (a[i, 1] + s * (b[i, 1] - a[i, 1]))
+        hit = _distance(ux, uy, a[i], b[i])
         if hit > 0.0:
             hits.distances[count], hits.walls[count] = hit, i
             count += 1
@@ -264,6 +271,61 @@ def _along_ray(
 
 
 @njit(cache=True, error_model="numpy")
+def _where_edges_meet(
+    most: float,
+    reach: float,
+    front: int,
+    back: int,
+    front_height: float,
+    back_height: float,
+    visible: VisibleWalls,
+    viewpoints: RayViewpoints,
+) -> float:
+    """``most``, or the square of the chord on the ray at which two edges meet in the picture from the reference, if more.
+
+    The edges are at heights of two walls: the top of one that is in front and the lowest that is visible of one behind it,
+    or a bottom and a top. On one side of that ray a common slope exists and on the other none, and they may part most there.
+    """
+    if front_height * back_height <= 0.0 or abs(back_height) <= abs(front_height):
+        return most  # the slopes differ wherever the front is nearer
+    (ax, ay), (bx, by) = visible.a[front], visible.b[front]
+    (cx, cy), (dx, dy) = visible.a[back], visible.b[back]
+    # A ray u meets a line through A along e at A x e / u x e; the slopes are equal where u is parallel to this:
+    one, other = front_height / (ax * by - ay * bx), back_height / (cx * dy - cy * dx)
+    vx, vy = one * (bx - ax) - other * (dx - cx), one * (by - ay) - other * (dy - cy)
+    length = math.hypot(vx, vy)
+    for side in (1.0, -1.0):
+        ux, uy = side * vx / length, side * vy / length
+        near = _distance(ux, uy, visible.a[front], visible.b[front])
+        far = _distance(ux, uy, visible.a[back], visible.b[back])
+        if 0.0 < near < far * (1.0 - _APART) and may_exceed(most, near, far, reach):
+            on_ray(ux, uy, visible.viewpoints, viewpoints)
+            slope = front_height / near
+            most = max(most, widest(near, far, slope, slope, viewpoints, visible.visible_from[back]))
+    return most
+
+
+@njit(cache=True, error_model="numpy")
+def _between_rays(
+    most: float, reach: float, fan: _Fan, visible: VisibleWalls, seen: NDArray[np.bool_], viewpoints: RayViewpoints
+) -> float:
+    """``most``, or the largest square of the chord on rays where edges of two walls of ``fan`` meet, if that is more."""
+    for at in range(len(fan.starts) - 1):
+        walls = fan.walls[fan.starts[at] : fan.starts[at + 1]]
+        for front in walls:
+            (ax, ay), (bx, by) = visible.a[front], visible.b[front]
+            if ax * by - ay * bx >= 0.0:
+                continue
+            top, bottom = visible.top[front], visible.bottom[front]
+            for back in walls:
+                if seen[back]:
+                    low, high = visible.low[back], visible.top[back]
+                    most = _where_edges_meet(most, reach, front, back, top, low, visible, viewpoints)
+                    most = _where_edges_meet(most, reach, front, back, bottom, high, visible, viewpoints)
+    return most
+
+
+@njit(cache=True, error_model="numpy")
 def _self_parallax(visible: VisibleWalls, texels: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) radians; ``texels`` (w,) are the angles within which rays towards a wall are one."""
     a, b = visible.a, visible.b
@@ -282,7 +344,7 @@ def _self_parallax(visible: VisibleWalls, texels: NDArray[np.float64]) -> NDArra
             continue
         fan = _fan(a, b, first, end)
         room = _Hits(np.empty(end - first), np.empty(end - first, dtype=np.int64))
-        most = 0.0
+        most = _between_rays(0.0, reach, fan, visible, seen, viewpoints)
         for w in range(first, end):
             if not seen[w]:
                 continue

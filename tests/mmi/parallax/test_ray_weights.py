@@ -192,6 +192,10 @@ class TestSafety:
     @settings(max_examples=30, deadline=None, derandomize=True)
     @given(st.lists(SOLIDS, min_size=1, max_size=6), CELLS)
     @example([("box", 2.0, 2.0, 0.0, 1.0, 10.0, 15.0, 0.0, 0)], SHORT)  # parts most at a slope of 0.5, from 0 to 1.2
+    @example(  # parts most where the top of its front meets the foot of its back, between two rays
+        [("box", 7.0, 9.0, 0.0, 52.0, 13.0, 1.0, 0.0, 0)],
+        ViewingCell("0000-00", (-20.0, -0.0), (20.0, 0.0), 1.0, (1.5, 1.9)),
+    )
     def test_of_single_objects_as_far_as_they_are_seen(self, solids, cell):
         city = city_from(solids, cell, clearance=CLOSEST)
         rng = np.random.default_rng(2)

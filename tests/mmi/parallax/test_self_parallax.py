@@ -13,8 +13,8 @@ from numba import njit
 from solids import CELLS, SOLIDS, city_from
 
 from mmi.city.model import CityObject, Prism
-from mmi.parallax.ray_angles import RayViewpoints, angle_of, closest_to_level, no_wider_than, on_ray, widest
-from mmi.parallax.self_parallax import _ASIDE, _WITHIN, _along_wall, self_parallax
+from mmi.parallax.ray_angles import RayViewpoints, angle_of, closest_to_level, on_ray, widest
+from mmi.parallax.self_parallax import _ASIDE, _WITHIN, _along_wall, _where_edges_meet, self_parallax
 from mmi.parallax.texels import texel_ratios
 from mmi.visibility.horizon import horizon_visible, prepare_horizon
 from mmi.visibility.visible_walls import visible_walls
@@ -66,6 +66,12 @@ def _every_pair(visible, texels):
                     high = min(visible.top[front] / near, visible.top[back] / far)
                     if facing and near < far * (1.0 - 1e-6) and low <= high:
                         most = max(most, widest(near, far, low, high, viewpoints, viewers[back]))
+    for front in range(len(a)):
+        for back in range(len(a)):
+            if a[front, 0] * b[front, 1] - a[front, 1] * b[front, 0] < 0.0 and viewers[back].any():
+                top, bottom, low, high = visible.top[front], visible.bottom[front], visible.low[back], visible.top[back]
+                most = _where_edges_meet(most, math.inf, front, back, top, low, visible, viewpoints)
+                most = _where_edges_meet(most, math.inf, front, back, bottom, high, visible, viewpoints)
     return most
 
 
@@ -126,23 +132,6 @@ class TestAsWithNothingLeftOut:
         sight = horizon_visible(prepare_horizon(city), cell)[1] if hidden else None
         found = self_parallax(city, cell, walls_of(city), np.array([0]), sight, texel=TEXEL)
         assert 0.1 < found[0] == pytest.approx(with_nothing_left_out(city, cell, sight)[0], rel=1e-12)
-
-
-class TestBoundOfARay:
-    @settings(max_examples=300, deadline=None, derandomize=True)
-    @given(
-        st.lists(st.floats(0.01, 300.0), min_size=4, max_size=4),
-        st.lists(st.floats(-3.0, 3.0), min_size=4, max_size=4),
-        st.lists(st.tuples(st.floats(-20.0, 20.0), st.floats(-20.0, 20.0)), min_size=1, max_size=5),
-        st.floats(0.0, 3.0),
-    )
-    def test_nothing_between_its_ends_is_wider(self, distances, slopes, at, rise):
-        (near, one, other, far), (lowest, low, high, highest) = sorted(distances), sorted(slopes)
-        along, aside = np.array(at).T.copy()
-        viewpoints, every = RayViewpoints(along, aside, rise), np.ones(len(at), dtype=np.bool_)
-        bound = no_wider_than(near, far, lowest, highest, viewpoints, every)
-        assert widest(one, other, low, high, viewpoints, every) <= bound + 1e-24
-        assert widest(near, far, lowest, highest, viewpoints, every) <= bound + 1e-24
 
 
 class TestTime:
