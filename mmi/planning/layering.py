@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import networkx as nx
 import numpy as np
@@ -122,22 +123,21 @@ def layers_incremental(graph: nx.Graph, boxes: NDArray[np.float64], *, order: Se
     (the older among equals), or else into a new layer. ``boxes`` (n, 4) are in the graph's node order.
     """
     row = {node: i for i, node in enumerate(graph)}
+    arcs = _Arcs(*_on_one_turn(boxes[:, :2]))
+    by_start, layer_of = np.argsort(arcs.starts), np.full(len(row), -1, dtype=np.int64)
     layers: list[list[int]] = []
-    layer_of: dict[int, int] = {}
     for node in graph if order is None else order:
-        taken = {layer_of[other] for other in graph[node] if other in layer_of}
-        options = [
-            (round(layer_area(boxes[[row[other] for other in (*layer, node)]]), 9), i)
-            for i, layer in enumerate(layers)
-            if i not in taken
-        ]
+        at = row[node]
+        taken = {int(layer_of[row[other]]) for other in graph[node]}
+        areas = _areas_with(at, len(layers), layer_of, by_start, arcs, boxes)
+        options = [(round(area, 9), i) for i, area in enumerate(areas.tolist()) if i not in taken]
         if options:
             _, chosen = min(options)
             layers[chosen].append(node)
         else:
             chosen = len(layers)
             layers.append([node])
-        layer_of[node] = chosen
+        layer_of[at] = chosen
     return [np.array(layer, dtype=np.int64) for layer in layers]
 
 
@@ -281,11 +281,18 @@ def _ring_arcs(offsets: NDArray[np.float64], ring_ends: NDArray[np.int64]) -> ND
 
 
 @njit(cache=True, error_model="numpy")
+def _on_one_turn(arcs: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The starts (n,) of ``arcs`` (n, 2) moved into [-pi, pi), and the ends (n,) as far behind them as before."""
+    turn = 2.0 * math.pi
+    starts = arcs[:, 0] - turn * np.floor((arcs[:, 0] + math.pi) / turn)
+    return starts, starts + (arcs[:, 1] - arcs[:, 0])
+
+
+@njit(cache=True, error_model="numpy")
 def _cover(arcs: NDArray[np.float64]) -> tuple[float, float]:
     """The shortest arc that covers ``arcs`` (n, 2): its start in [-pi, pi) and its width, at most 2 pi."""
     turn = 2.0 * math.pi
-    starts = arcs[:, 0] - turn * np.floor((arcs[:, 0] + math.pi) / turn)
-    ends = starts + (arcs[:, 1] - arcs[:, 0])
+    starts, ends = _on_one_turn(arcs)
     reach = ends.max() - turn
     widest, start = 0.0, -math.pi
     for i in np.argsort(starts):
@@ -293,3 +300,40 @@ def _cover(arcs: NDArray[np.float64]) -> tuple[float, float]:
             widest, start = starts[i] - reach, starts[i]
         reach = max(reach, ends[i])
     return start, turn - widest
+
+
+class _Arcs(NamedTuple):
+    """Arcs of azimuth: ``starts`` (n,) in [-pi, pi) and ``ends`` (n,), radians."""
+
+    starts: NDArray[np.float64]
+    ends: NDArray[np.float64]
+
+
+@njit(cache=True, error_model="numpy")
+def _areas_with(
+    node: int,
+    count: int,
+    layer_of: NDArray[np.int64],
+    by_start: NDArray[np.int64],
+    arcs: _Arcs,
+    boxes: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """(count,) the area of each layer's box (:func:`layer_area`) with ``node`` in it, all in one walk around the panorama.
+
+    ``layer_of`` (n,): the layers of nodes, -1 for none; ``by_start`` (n,): nodes in the order of where their arcs start.
+    """
+    turn = 2.0 * math.pi
+    reach, widest = np.full(count, arcs.ends[node] - turn), np.zeros(count)
+    low, high = np.full(count, boxes[node, 2]), np.full(count, boxes[node, 3])
+    for i in range(len(layer_of)):
+        layer = layer_of[i]
+        if layer >= 0:
+            reach[layer] = max(reach[layer], arcs.ends[i] - turn)
+            low[layer], high[layer] = min(low[layer], boxes[i, 2]), max(high[layer], boxes[i, 3])
+    for i in by_start:
+        if i != node and layer_of[i] < 0:
+            continue
+        for layer in range(count) if i == node else range(layer_of[i], layer_of[i] + 1):
+            widest[layer] = max(widest[layer], arcs.starts[i] - reach[layer])
+            reach[layer] = max(reach[layer], arcs.ends[i])
+    return (turn - widest) * (high - low)

@@ -180,6 +180,38 @@ def test_incremental_measures_across_the_seam_of_the_panorama():
     assert [layer.tolist() for layer in layers_incremental(graph, boxes)] == [[0], [1, 2]]
 
 
+def incremental_twin(graph, boxes):
+    """Section 4.2 as it stands: the area of every layer with every node, from all boxes in it."""
+    row, layers = {node: i for i, node in enumerate(graph)}, []
+    for node in graph:
+        areas = {
+            i: round(layer_area(boxes[[row[other] for other in (*layer, node)]]), 9)
+            for i, layer in enumerate(layers)
+            if not any(graph.has_edge(node, other) for other in layer)
+        }
+        if areas:
+            layers[min(areas, key=lambda i: (areas[i], i))].append(node)
+        else:
+            layers.append([node])
+    return layers
+
+
+@settings(deadline=None, max_examples=60)
+@given(graphs())
+def test_incremental_layers_are_those_of_a_twin(case):
+    graph, boxes = case
+    assert [layer.tolist() for layer in layers_incremental(graph, boxes)] == incremental_twin(graph, boxes)
+
+
+def test_incremental_layers_of_many_objects_are_those_of_a_twin():
+    rng = np.random.default_rng(5)
+    pairs = np.stack(np.triu_indices(150, 1), axis=1)
+    graph = event_graph(np.arange(150), pairs, rng.uniform(0.0, 1.0, len(pairs)), threshold=0.9)
+    start, low = rng.uniform(-7.0, 7.0, 150), rng.uniform(-0.1, 0.1, 150)
+    boxes = np.stack([start, start + rng.uniform(0.0, 2.0, 150), low, low + rng.uniform(0.0, 1.0, 150)], axis=1)
+    assert [layer.tolist() for layer in layers_incremental(graph, boxes)] == incremental_twin(graph, boxes)
+
+
 @pytest.mark.parametrize(
     ("strategy", "twin"), [("largest-first", "largest_first"), ("dsatur", "saturation_largest_first")]
 )
