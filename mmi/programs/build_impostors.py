@@ -167,6 +167,7 @@ def _build_parser() -> Parser:
 
 def _build(options: argparse.Namespace) -> None:
     parameters = _parameters(options)
+    reading = read_options(options)
     cores = usable_cores()
     reading = read_options(options)
     workers = options.workers if options.workers is not None else cores
