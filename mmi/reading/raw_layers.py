@@ -15,8 +15,8 @@ from shapely.geometry import LineString
 from shapely.geometry.base import BaseGeometry
 
 from mmi.city.model import Texture, TriangleMesh
+from mmi.reading.names import UniqueNames
 from mmi.reading.report import Ledger
-from mmi.reading.unique_names import UniqueNames
 
 __all__ = [
     "BuildingLayer",

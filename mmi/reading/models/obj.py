@@ -4,11 +4,17 @@ Where ``o`` names several objects those are the buildings, else the groups of ``
 mesh. Texture coordinates run up as they do in a city. ``Kd`` is taken as sRGB, and not multiplied into a picture: what
 exporters write beside ``map_Kd`` is black or grey more often than meant. Only faces are read.
 
+The format does not say how names are encoded: they are compared as bytes, and lines and words are split at ASCII characters
+only (in Shift-JIS and GBK the second byte of a character may be a backslash).
+
 Source: Wavefront, Advanced Visualizer Manual, appendix B (object files) and the .mtl format.
 """
 
 from __future__ import annotations
 
+import os
+import re
+from codecs import BOM_UTF8
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +27,7 @@ from mmi.city.model import PAINTED, PLAIN, TriangleMesh
 from mmi.foundation.errors import CityError
 from mmi.reading.models.pictures import PictureShelf, contained_path
 from mmi.reading.models.raw_meshes import placed_corners
+from mmi.reading.names import readable_name
 from mmi.reading.raw_layers import ModelLayer, RawModel
 from mmi.reading.report import Ledger
 
@@ -29,9 +36,11 @@ __all__ = ["read_obj"]
 _NOTHING = -1
 # Options of a map in a .mtl -> the most arguments that they take.
 _MAP_OPTIONS = (
-    ("-blendu", 1), ("-blendv", 1), ("-bm", 1), ("-boost", 1), ("-cc", 1), ("-clamp", 1), ("-imfchan", 1), ("-mm", 2),
-    ("-o", 3), ("-s", 3), ("-t", 3), ("-texres", 1), ("-type", 1),
+    (b"-blendu", 1), (b"-blendv", 1), (b"-bm", 1), (b"-boost", 1), (b"-cc", 1), (b"-clamp", 1), (b"-imfchan", 1), (b"-mm", 2),
+    (b"-o", 3), (b"-s", 3), (b"-t", 3), (b"-texres", 1), (b"-type", 1),
 )  # fmt: skip
+# A backslash at the end of a line continues it, unless it ends a character of two bytes.
+_CONTINUED = re.compile(rb"(?<![\x80-\xff])\\\r?\n")
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +60,9 @@ class _Faces:
     sizes: list[int] = field(default_factory=list)
     points: list[int] = field(default_factory=list)
     places: list[int] = field(default_factory=list)
-    objects: list[str] = field(default_factory=list)
-    groups: list[str] = field(default_factory=list)
-    materials: list[str] = field(default_factory=list)
+    objects: list[bytes] = field(default_factory=list)
+    groups: list[bytes] = field(default_factory=list)
+    materials: list[bytes] = field(default_factory=list)
 
 
 def read_obj(path: Path, ledger: Ledger) -> ModelLayer:
@@ -68,13 +77,13 @@ def read_obj(path: Path, ledger: Ledger) -> ModelLayer:
             f"{path}: expected OBJ with faces (lines that start with f), found {len(points)} points and no face"
         )
     shelf = PictureShelf(ledger)
-    looks: dict[str, _Look] = {}
+    looks: dict[bytes, _Look] = {}
     for name in libraries:
         looks |= _read_materials(path, name, shelf, ledger)
     triangles, face_of = _triangulated(points, faces)
     mesh = _dressed(path, points, colors, coordinates, faces, triangles, face_of, looks, ledger)
     names = faces.objects if len(set(faces.objects)) > 1 or not any(faces.groups) else faces.groups
-    first: dict[str, int] = {}
+    first: dict[bytes, int] = {}
     for name in names:
         first.setdefault(name, len(first))
     group_of = np.array([first[name] for name in names])[face_of]
@@ -82,9 +91,10 @@ def read_obj(path: Path, ledger: Ledger) -> ModelLayer:
     shares = np.split(order, np.cumsum(np.bincount(group_of, minlength=len(first)))[:-1])
     items = []
     for name, mine in zip(first, shares, strict=True):
-        one = mesh(mine, name or path.stem)
+        id_ = readable_name(name) or path.stem
+        one = mesh(mine, id_)
         if one is not None:
-            items.append(RawModel(name or path.stem, one))
+            items.append(RawModel(id_, one))
     if not items:
         raise CityError(f"{path}: expected faces with corners that are numbers, found none")
     return ModelLayer(str(path), tuple(items), None, shelf.textures())
@@ -92,16 +102,16 @@ def read_obj(path: Path, ledger: Ledger) -> ModelLayer:
 
 def _read_lines(
     path: Path,
-) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.float64], _Faces, list[str]]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.float64], _Faces, list[bytes]]:
     """Points (n, 3), their colours (n, 3) in 0..1 or None, texture coordinates (k, 2), faces, and .mtl names."""
     points: list[tuple[float, ...]] = []
     tints: list[tuple[float, ...]] = []
     coordinates: list[tuple[float, float]] = []
     faces = _Faces()
-    libraries: list[str] = []
-    owner = group = material = ""
-    text = path.read_bytes().decode("utf-8", errors="replace").replace("\\\r\n", " ").replace("\\\n", " ")
-    if "\0" in text:
+    libraries: list[bytes] = []
+    owner = group = material = b""
+    text = _CONTINUED.sub(b" ", path.read_bytes().removeprefix(BOM_UTF8))
+    if b"\0" in text:
         raise CityError(f"{path}: expected OBJ, which is text; found binary data")
     for number, line in enumerate(text.splitlines(), 1):
         words = line.split()
@@ -109,34 +119,35 @@ def _read_lines(
             continue
         key = words[0]
         try:
-            if key == "v":
+            if key == b"v":
                 points.append((float(words[1]), float(words[2]), float(words[3])))
                 if len(words) >= 7:
                     tints.append((float(words[4]), float(words[5]), float(words[6])))
-            elif key == "f":
+            elif key == b"f":
                 if len(words) < 4:
                     continue  # a line or a point
                 for word in words[1:]:
-                    point, _, rest = word.partition("/")
-                    place = rest.partition("/")[0]
+                    point, _, rest = word.partition(b"/")
+                    place = rest.partition(b"/")[0]
                     faces.points.append(_place(int(point), len(points)))
                     faces.places.append(_place(int(place), len(coordinates)) if place else _NOTHING)
                 faces.sizes.append(len(words) - 1)
                 faces.objects.append(owner)
                 faces.groups.append(group)
                 faces.materials.append(material)
-            elif key == "vt":
+            elif key == b"vt":
                 coordinates.append((float(words[1]), float(words[2]) if len(words) > 2 else 0.0))
-            elif key == "o":
-                owner = " ".join(words[1:])
-            elif key == "g":
-                group = " ".join(words[1:])
-            elif key == "usemtl":
-                material = line.split(None, 1)[1].strip() if len(words) > 1 else ""
-            elif key == "mtllib":
+            elif key == b"o":
+                owner = b" ".join(words[1:])
+            elif key == b"g":
+                group = b" ".join(words[1:])
+            elif key == b"usemtl":
+                material = line.split(None, 1)[1].strip() if len(words) > 1 else b""
+            elif key == b"mtllib":
                 libraries.append(line.split(None, 1)[1].strip())
         except (ValueError, IndexError) as error:
-            raise CityError(f"{path}: line {number}: expected OBJ, found {line.strip()[:60]!r} ({error})") from error
+            found = readable_name(line.strip()[:60])
+            raise CityError(f"{path}: line {number}: expected OBJ, found {found!r} ({error})") from error
     xyz = np.array(points, dtype=np.float64).reshape(-1, 3)
     tint = np.array(tints, dtype=np.float64) if points and len(tints) == len(points) else None
     _check_corners(path, faces.points, len(xyz), "points")
@@ -156,42 +167,46 @@ def _check_corners(path: Path, places: list[int], count: int, what: str) -> None
         raise CityError(f"{path}: a face needs {what} number {max(places) + 1}, the file has {count}: is it cut off?")
 
 
-def _read_materials(path: Path, name: str, shelf: PictureShelf, ledger: Ledger) -> dict[str, _Look]:
+def _read_materials(path: Path, name: bytes, shelf: PictureShelf, ledger: Ledger) -> dict[bytes, _Look]:
     """The materials of a .mtl beside ``path``; none, and a note, where it is missing."""
-    file = contained_path(path.parent, name, path)
+    file = _referred(name, path)
     if not file.is_file():
-        ledger.note("left out", "materials: their .mtl is missing", name)
+        ledger.note("left out", "materials: their .mtl is missing", readable_name(name))
         return {}
-    looks: dict[str, _Look] = {}
-    current = ""
-    for number, line in enumerate(file.read_bytes().decode("utf-8", errors="replace").splitlines(), 1):
+    looks: dict[bytes, _Look] = {}
+    current = b""
+    for number, line in enumerate(file.read_bytes().removeprefix(BOM_UTF8).splitlines(), 1):
         words = line.split()
         if not words:
             continue
         key = words[0].lower()
         try:
-            if key == "newmtl":
+            if key == b"newmtl":
                 current = line.split(None, 1)[1].strip()
-                looks[current] = _Look(PAINTED if current == "painted" else PLAIN)
-            elif current and key == "kd" and looks[current].texture == PLAIN:
+                looks[current] = _Look(PAINTED if current == b"painted" else PLAIN)
+            elif current and key == b"kd" and looks[current].texture == PLAIN:
                 kd = [float(word) for word in words[1:4]]
                 red, green, blue = (round(255.0 * min(max(one, 0.0), 1.0)) for one in (kd * 3)[: max(3, len(kd))])
                 looks[current] = _Look(PLAIN, (red, green, blue))
-            elif current and key == "map_kd":
+            elif current and key == b"map_kd":
                 looks[current] = _mapped(file, words[1:], shelf, ledger) or looks[current]
-            elif (key == "d" and float(words[-1]) < 1.0) or (key == "tr" and float(words[-1]) > 0.0):
-                ledger.note("noted", "transparent material drawn opaque", current)
+            elif (key == b"d" and float(words[-1]) < 1.0) or (key == b"tr" and float(words[-1]) > 0.0):
+                ledger.note("noted", "transparent material drawn opaque", readable_name(current))
         except (ValueError, IndexError) as error:
-            raise CityError(
-                f"{file}: line {number}: expected a material, found {line.strip()[:60]!r} ({error})"
-            ) from error
+            found = readable_name(line.strip()[:60])
+            raise CityError(f"{file}: line {number}: expected a material, found {found!r} ({error})") from error
     return looks
 
 
-def _mapped(file: Path, words: list[str], shelf: PictureShelf, ledger: Ledger) -> _Look | None:
+def _referred(name: bytes, file: Path) -> Path:
+    """The file beside ``file`` that it refers to by ``name``; bytes that are no UTF-8 stand for those of a file's name."""
+    return contained_path(file.parent, name.decode("utf-8", errors="surrogateescape"), file)
+
+
+def _mapped(file: Path, words: list[bytes], shelf: PictureShelf, ledger: Ledger) -> _Look | None:
     """The look that ``map_Kd`` gives; None, and a note, where the picture is missing or cannot be read."""
     takes = dict(_MAP_OPTIONS)
-    numbers: dict[str, list[float]] = {"-s": [], "-o": []}
+    numbers: dict[bytes, list[float]] = {b"-s": [], b"-o": []}
     at = 0
     while at < len(words) - 1 and words[at] in takes:
         option, at = words[at], at + 1
@@ -200,23 +215,24 @@ def _mapped(file: Path, words: list[str], shelf: PictureShelf, ledger: Ledger) -
                 break
             if option in numbers:
                 numbers[option].append(float(words[at]))
-            if option == "-clamp" and words[at] == "on":
-                ledger.note("noted", "picture that clamps or mirrors at its edges: repeated instead", words[-1])
+            if option == b"-clamp" and words[at] == b"on":
+                what = "picture that clamps or mirrors at its edges: repeated instead"
+                ledger.note("noted", what, readable_name(words[-1]))
             at += 1
-    name = " ".join(words[at:])
-    picture = contained_path(file.parent, name, file)
+    name = b" ".join(words[at:])
+    picture = _referred(name, file)
     if not picture.is_file():
-        ledger.note("left out", "picture: its file is missing", name)
+        ledger.note("left out", "picture: its file is missing", readable_name(name))
         return None
-    place = shelf.place(picture.read_bytes(), picture.name, alpha=True)
+    place = shelf.place(picture.read_bytes(), readable_name(os.fsencode(picture.name)), alpha=True)
     if place is None:
         return None
-    su, sv = [*numbers["-s"], 1.0, 1.0][:2]
-    du, dv = [*numbers["-o"], 0.0, 0.0][:2]
+    su, sv = [*numbers[b"-s"], 1.0, 1.0][:2]
+    du, dv = [*numbers[b"-o"], 0.0, 0.0][:2]
     return _Look(place, (255, 255, 255), (su, sv), (du, dv))
 
 
-def _is_number(word: str) -> bool:
+def _is_number(word: bytes) -> bool:
     try:
         float(word)
     except ValueError:
@@ -278,7 +294,7 @@ def _dressed(
     faces: _Faces,
     triangles: NDArray[np.int64],
     face_of: NDArray[np.int64],
-    looks: dict[str, _Look],
+    looks: dict[bytes, _Look],
     ledger: Ledger,
 ) -> Callable[[NDArray[np.intp], str], TriangleMesh | None]:
     """Makes a mesh of some of the triangles (and a name for the ledger): with looks, without corners that have no place."""
@@ -286,7 +302,7 @@ def _dressed(
     number = {name: i for i, name in enumerate(names)}
     for name in names:
         if name and name not in looks:
-            ledger.note("noted", "material that no .mtl defines: painted", name)
+            ledger.note("noted", "material that no .mtl defines: painted", readable_name(name))
     shown = [looks.get(name, _Look(PAINTED)) for name in names]
     look_of = np.array([number[name] for name in faces.materials])[face_of]
     corners, places = np.array(faces.points)[triangles], np.array(faces.places)[triangles]

@@ -11,8 +11,8 @@ from PIL import Image
 
 from mmi.city.model import Texture
 from mmi.foundation.errors import CityError
+from mmi.reading.names import UniqueNames
 from mmi.reading.report import Ledger
-from mmi.reading.unique_names import UniqueNames
 
 __all__ = ["PictureShelf", "contained_path", "texture_from_bytes"]
 
@@ -55,9 +55,14 @@ def contained_path(folder: Path, reference: str, file: Path) -> Path:
     Raises:
         CityError: it lies outside; ``file`` is who refers to it.
     """
-    path = (folder / reference.replace("\\", "/")).resolve()
-    if not path.is_relative_to(folder.resolve()):
-        raise CityError(f"{file}: refers to {reference!r}; expected files in its own folder or below")
+    path = folder
+    # A backslash parts folders in most references, but it may be the second byte of a character in a file's name.
+    for text in (reference, reference.replace("\\", "/")):
+        path = (folder / text).resolve()
+        if not path.is_relative_to(folder.resolve()):
+            raise CityError(f"{file}: refers to {reference!r}; expected files in its own folder or below")
+        if path.exists():
+            break
     return path
 
 

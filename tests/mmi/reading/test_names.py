@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from mmi.reading.models.pictures import PictureShelf
+from mmi.reading.names import UniqueNames
 from mmi.reading.raw_layers import RawBuilding, with_unique_ids
 from mmi.reading.report import Ledger
-from mmi.reading.unique_names import UniqueNames
 
 
 class CountedName(str):

@@ -1,0 +1,128 @@
+"""OBJ files as other programs write them: names in any encoding, several .mtl files, colours of vertices."""
+
+import json
+
+import numpy as np
+import pytest
+from cities import real
+from PIL import Image
+
+from mmi.city.model import PLAIN
+from mmi.reading.models.mesh_files import read_meshes
+from mmi.reading.models.obj import read_obj
+from mmi.reading.names import readable_name
+from mmi.reading.report import Ledger
+
+RED, BLUE = (230, 26, 26), (26, 26, 230)
+
+
+def box_lines(k, material):
+    """A box of 10 m, 20 m east of the one before."""
+    x, first = 20 * k, 8 * k
+    corners = [(x, 0), (x + 10, 0), (x + 10, 10), (x, 10)]
+    points = [f"v {a} {b} {z}" for z in (0, 10) for a, b in corners]
+    sides = ["4 3 2 1", "5 6 7 8", "1 2 6 5", "2 3 7 6", "3 4 8 7", "4 1 5 8"]
+    faces = ["f " + " ".join(str(first + int(one)) for one in side.split()) for side in sides]
+    return [*(line.encode() for line in points), b"usemtl " + material, *(line.encode() for line in faces)]
+
+
+def town(path, names, materials):
+    """A file of boxes with names and materials in bytes; its .mtl has red and blue."""
+    lines = [b"mtllib town.mtl"]
+    for k, name in enumerate(names):
+        lines += [b"o " + name, *box_lines(k, materials[k % 2])]
+    path.write_bytes(b"\n".join(lines))
+    red, blue = materials
+    (path.parent / "town.mtl").write_bytes(
+        b"newmtl " + red + b"\nKd 0.9 0.1 0.1\nnewmtl " + blue + b"\nKd 0.1 0.1 0.9\n"
+    )
+    return path
+
+
+def colours(layer):
+    """The one colour of each object."""
+    found = [np.unique(one.mesh.colors, axis=0) for one in layer.items]
+    assert all(len(one) == 1 for one in found)
+    assert all((one.mesh.textures == PLAIN).all() for one in layer.items)
+    return [tuple(one[0].tolist()) for one in found]
+
+
+NAMES = ["建物", "東", "予", "表", "能", "十"]
+"""The last four end in a backslash in Shift-JIS."""
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "shift_jis", "gbk", "euc_jp", "big5"])
+def test_names_stay_different_in_any_encoding(tmp_path, encoding):
+    names = [one.encode(encoding) for one in NAMES]
+    path = town(tmp_path / "town.obj", names, ("表".encode(encoding), "青".encode(encoding)))
+    layer = read_meshes(path, Ledger(), up="z")
+    ids = [one.id for one in layer.items]
+    assert len(set(ids)) == len(ids) == len(names)
+    assert colours(layer) == [RED, BLUE] * (len(names) // 2)
+    assert json.loads(json.dumps(ids, ensure_ascii=False).encode("utf-8")) == ids
+    assert all(one.isprintable() for one in ids)
+
+
+def test_two_names_that_read_alike_get_numbers(tmp_path):
+    names = ["é".encode(), "é".encode("cp1252"), b"a"]
+    path = town(tmp_path / "town.obj", names, (b"red", b"blue"))
+    assert [one.id for one in read_meshes(path, Ledger(), up="z").items] == ["é", "é#2", "a"]
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        (b"Hof", "Hof"),
+        ("Höfe".encode(), "Höfe"),
+        ("Höfe".encode("cp1252"), "Höfe"),
+        (b"\x93\x8f", r"\x93\x8f"),
+        ("東 x".encode("shift_jis"), r"“Œ x"),
+    ],
+)
+def test_bytes_become_text_that_can_be_read(name, text):
+    assert readable_name(name) == text
+    readable_name(name).encode("utf-8")
+
+
+def test_a_backslash_still_continues_a_line(tmp_path):
+    path = tmp_path / "x.obj"
+    path.write_bytes(b"v 0 0 \\\n0\nv 4 0 0\r\nv 4 4 \\\r\n 0\nv 0 4 0\nf 1 2\\\n 3 4\n")
+    (one,) = read_obj(path, Ledger()).items
+    assert one.mesh.vertices.tolist() == [[0, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0]]
+
+
+def test_a_byte_order_mark_is_no_part_of_the_first_line(tmp_path):
+    path = town(tmp_path / "town.obj", [b"a", b"b"], (b"red", b"blue"))
+    for file in (path, tmp_path / "town.mtl"):
+        file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
+    assert colours(read_obj(path, Ledger())) == [RED, BLUE]
+
+
+def test_a_picture_whose_name_is_no_utf8_is_found(tmp_path):
+    name = "表.png".encode("shift_jis")
+    Image.new("RGB", (2, 2), (0, 90, 0)).save(tmp_path / "x.png")
+    try:
+        (tmp_path / "x.png").rename(tmp_path / name.decode("utf-8", errors="surrogateescape"))
+    except (OSError, UnicodeError):
+        pytest.skip("this file system has no such names")
+    (tmp_path / "x.obj").write_bytes(
+        b"mtllib x.mtl\nusemtl m\nv 0 0 0\nv 4 0 0\nv 0 4 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+    )
+    (tmp_path / "x.mtl").write_bytes(b"newmtl m\nmap_Kd " + name + b"\n")
+    ledger = Ledger()
+    layer = read_obj(tmp_path / "x.obj", ledger)
+    assert [one.name for one in layer.textures] == ["•\\.png"]
+    assert ledger.count("left out") == 0
+
+
+@pytest.mark.parametrize("name", ["utf8", "sjis", "gbk", "l1"])
+def test_reported_names(name):
+    layer = read_meshes(real("reports") / f"obj-shift-jis-names/{name}.obj", Ledger())
+    ids = [one.id for one in layer.items]
+    number = 4 if name == "l1" else 6
+    assert len(set(ids)) == len(ids) == number
+    assert all(one.encode("utf-8") for one in ids)
+    heights = [float(np.ptp(one.mesh.vertices[:, 2])) for one in layer.items]
+    assert all(10.0 <= height <= 20.0 for height in heights)
+    found = colours(layer)
+    assert [found.count(one) for one in sorted(set(found))] == [number // 2] * 2
