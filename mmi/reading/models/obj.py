@@ -78,8 +78,9 @@ def read_obj(path: Path, ledger: Ledger) -> ModelLayer:
         )
     shelf = PictureShelf(ledger)
     looks: dict[bytes, _Look] = {}
-    for name in libraries:
-        looks |= _read_materials(path, name, shelf, ledger)
+    for line in libraries:
+        for name in _library_names(path, line):
+            looks |= _read_materials(path, name, shelf, ledger)
     triangles, face_of = _triangulated(points, faces)
     mesh = _dressed(path, points, colors, coordinates, faces, triangles, face_of, looks, ledger)
     names = faces.objects if len(set(faces.objects)) > 1 or not any(faces.groups) else faces.groups
@@ -165,6 +166,24 @@ def _place(index: int, count: int) -> int:
 def _check_corners(path: Path, places: list[int], count: int, what: str) -> None:
     if places and max(places) >= count:
         raise CityError(f"{path}: a face needs {what} number {max(places) + 1}, the file has {count}: is it cut off?")
+
+
+def _library_names(path: Path, line: bytes) -> list[bytes]:
+    """The names after ``mtllib``: files may be listed there, and a file's name may have spaces, so what exists decides."""
+    words = line.split()
+    if len(words) < 2 or _referred(line, path).is_file():
+        return [line]
+    names: list[bytes] = []
+    missing: list[bytes] = []
+    while words:
+        runs = (b" ".join(words[:n]) for n in range(len(words), 0, -1))
+        found = next((run for run in runs if _referred(run, path).is_file()), None)
+        if found is None:
+            missing.append(words.pop(0))
+        else:
+            names.append(found)
+            words = words[found.count(b" ") + 1 :]
+    return names + ([b" ".join(missing)] if missing else [])
 
 
 def _read_materials(path: Path, name: bytes, shelf: PictureShelf, ledger: Ledger) -> dict[bytes, _Look]:

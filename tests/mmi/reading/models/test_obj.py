@@ -8,6 +8,7 @@ from cities import real
 from PIL import Image
 
 from mmi.city.model import PLAIN
+from mmi.foundation.errors import CityError
 from mmi.reading.models.mesh_files import read_meshes
 from mmi.reading.models.obj import read_obj
 from mmi.reading.names import readable_name
@@ -126,3 +127,41 @@ def test_reported_names(name):
     assert all(10.0 <= height <= 20.0 for height in heights)
     found = colours(layer)
     assert [found.count(one) for one in sorted(set(found))] == [number // 2] * 2
+
+
+@pytest.mark.parametrize(
+    ("line", "missing"),
+    [
+        ("red.mtl blue.mtl", []),
+        ("my blue.mtl red.mtl", []),
+        ("red.mtl  my blue.mtl", []),
+        ("red.mtl gone.mtl blue.mtl", ["gone.mtl"]),
+        ("red.mtl blue.mtl very gone.mtl", ["very gone.mtl"]),
+        ("both red and blue.mtl", []),
+    ],
+)
+def test_several_mtl_files_on_one_line(tmp_path, line, missing):
+    path = town(tmp_path / "town.obj", [b"a", b"b"], (b"red", b"blue"))
+    red, blue = (tmp_path / "town.mtl").read_text().split("newmtl ")[1:]
+    for name, text in (("red", red), ("blue", blue), ("my blue", blue)):
+        (tmp_path / f"{name}.mtl").write_text(f"newmtl {text}")
+    (tmp_path / "town.mtl").rename(tmp_path / "both red and blue.mtl")
+    path.write_text(path.read_text().replace("town.mtl", line))
+    ledger = Ledger()
+    assert colours(read_obj(path, ledger)) == [RED, BLUE]
+    (*lost,) = ledger.report(source="", crs="", origin=(0, 0, 0)).left_out
+    assert [one.examples[0] for one in lost] == missing
+
+
+def test_mtl_files_outside_the_folder_are_refused(tmp_path):
+    path = town(tmp_path / "town.obj", [b"a", b"b"], (b"red", b"blue"))
+    path.write_text(path.read_text().replace("town.mtl", "town.mtl ../x.mtl"))
+    with pytest.raises(CityError, match="expected files in its own folder or below"):
+        read_obj(path, Ledger())
+
+
+def test_reported_two_mtllibs():
+    layer = read_meshes(real("reports") / "obj-two-mtllibs/city.obj", Ledger())
+    assert len(layer.items) > 1
+    for one in layer.items:
+        assert set(map(tuple, one.mesh.colors.tolist())) == {(230, 230, 26), (26, 230, 230)}
