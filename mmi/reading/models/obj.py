@@ -72,6 +72,9 @@ def read_obj(path: Path, ledger: Ledger) -> ModelLayer:
         CityError: a line that cannot be, corners that do not exist, no faces, or files outside its folder.
     """
     points, colors, coordinates, faces, libraries = _read_lines(path)
+    if colors is not None and _are_bytes(colors):
+        ledger.note("noted", "colours of vertices from 0 to 255 instead of 0 to 1", path.name)
+        colors = colors / 255.0
     if not faces.sizes:
         raise CityError(
             f"{path}: expected OBJ with faces (lines that start with f), found {len(points)} points and no face"
@@ -104,7 +107,7 @@ def read_obj(path: Path, ledger: Ledger) -> ModelLayer:
 def _read_lines(
     path: Path,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.float64], _Faces, list[bytes]]:
-    """Points (n, 3), their colours (n, 3) in 0..1 or None, texture coordinates (k, 2), faces, and .mtl names."""
+    """Points (n, 3), their colours (n, 3) as they stand there or None, texture coordinates (k, 2), faces, and .mtl names."""
     points: list[tuple[float, ...]] = []
     tints: list[tuple[float, ...]] = []
     coordinates: list[tuple[float, float]] = []
@@ -154,6 +157,12 @@ def _read_lines(
     _check_corners(path, faces.points, len(xyz), "points")
     _check_corners(path, faces.places, len(coordinates), "texture coordinates")
     return xyz, tint, np.array(coordinates, dtype=np.float64).reshape(-1, 2), faces, libraries
+
+
+def _are_bytes(colors: NDArray[np.float64]) -> bool:
+    """Whether colours (n, 3) are whole numbers up to 255, some above 1, as programs write that have bytes."""
+    finite = colors[np.isfinite(colors)]
+    return bool(finite.size) and 1.0 < finite.max() <= 255.0 and bool((finite == np.rint(finite)).all())
 
 
 def _place(index: int, count: int) -> int:

@@ -165,3 +165,29 @@ def test_reported_two_mtllibs():
     assert len(layer.items) > 1
     for one in layer.items:
         assert set(map(tuple, one.mesh.colors.tolist())) == {(230, 230, 26), (26, 230, 230)}
+
+
+@pytest.mark.parametrize(
+    ("white", "grey", "noted"),
+    [
+        ("255 255 255", "51 51 51", True),
+        ("1 1 1", "0.2 0.2 0.2", False),
+        ("1.5 1.0 1.5", "0.2 0.2 0.2", False),  # brighter than white
+    ],
+)
+def test_colours_of_vertices_as_bytes_or_shares(tmp_path, white, grey, noted):
+    path = tmp_path / "x.obj"
+    corners = ["0 0 0", "4 0 0", "0 4 0"]
+    points = [f"v {corner} {colour}" for colour in (white, grey) for corner in corners]
+    path.write_text("\n".join([*points, "f 1 2 3", "f 4 5 6"]))
+    ledger = Ledger()
+    (one,) = read_obj(path, ledger).items
+    assert one.mesh.colors.tolist() == [[255, 255, 255], [51, 51, 51]]
+    assert ledger.count("noted", "colours of vertices from 0 to 255 instead of 0 to 1") == noted
+
+
+def test_reported_colours():
+    folder = real("reports") / "obj-colours-255"
+    found = [read_meshes(folder / name, Ledger()).items for name in ("bytes.obj", "unit.obj")]
+    assert [one.mesh.colors.tolist() for one in found[0]] == [one.mesh.colors.tolist() for one in found[1]]
+    assert {tuple(one.mesh.colors[0].tolist()) for one in found[0]} == {(200, 40, 40), (40, 200, 40), (40, 40, 200)}
