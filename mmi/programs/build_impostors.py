@@ -183,7 +183,8 @@ def _build(options: argparse.Namespace) -> None:
     from mmi.reading.read_city import read_city
 
     talk = Console(stderr=options.json, quiet=options.quiet, highlight=False)
-    city, report = read_city(options.city, reading)
+    with ProgressBar("steps of reading", quiet=options.quiet) as advance:
+        city, report = read_city(options.city, reading, progress=advance)
     # Whoever mistypes an option gets one line, not a table before it.
     chosen = choose_cells(city, parameters, cells=options.cells, max_cells=options.max_cells)
     make_folder(options.output)

@@ -39,19 +39,23 @@ from mmi.reading.models.model_city import city_of_model, is_model, read_model
 from mmi.reading.raw_layers import BuildingLayer, StreetLayer
 from mmi.reading.read_options import ReadOptions
 from mmi.reading.report import CityReport, Ledger, Tally
+from mmi.reading.steps import Progress, step
 
 __all__ = ["CityReport", "Tally", "read_city"]
 
 _GROUND = 0.0
 
 
-def read_city(path: Path, options: ReadOptions | None = None) -> tuple[City, CityReport]:
+def read_city(
+    path: Path, options: ReadOptions | None = None, *, progress: Progress | None = None
+) -> tuple[City, CityReport]:
     """Read the buildings and streets of ``path`` into a local metric frame.
 
     Args:
         path: OpenStreetMap ``.osm`` or ``.osm.pbf``, a file that GDAL reads, a folder of those, or a 3D model: CityJSON
             (also a sequence), CityGML, glTF, OBJ, PLY, STL.
         options: further files, and what the reader shall not guess; None: ``ReadOptions()``.
+        progress: is called with (done, of how many, what is done), from 0 to all, for one step after the other.
 
     Returns:
         The city and the account of everything that was read.
@@ -69,17 +73,15 @@ def read_city(path: Path, options: ReadOptions | None = None) -> tuple[City, Cit
     try:
         file = _the_file(path)
         if is_model(file):
-            city = _read_model_city(path, file, options, override, ledger)
+            city = _read_model_city(path, file, options, override, ledger, progress)
             return city, _accounted(city, ledger)
         if options.lod is not None:
             raise ParameterError(f"--lod: a 3D model expected, found {path}")
-        buildings = _read_buildings(file, ledger, options)
-        lines = _read_streets(
-            file if options.streets is None else _the_file(options.streets),
-            ledger,
-            layer=options.streets_layer,
-            buildings=buildings,
-        )
+        with step(progress, f"reading the buildings of {file.name}"):
+            buildings = _read_buildings(file, ledger, options)
+        street_file = file if options.streets is None else _the_file(options.streets)
+        with step(progress, f"reading the streets of {street_file.name}"):
+            lines = _read_streets(street_file, ledger, layer=options.streets_layer, buildings=buildings)
     except OSError as error:
         raise CityError(f"{error.filename or path}: cannot be read: {error.strerror or error}") from error
     building_crs, street_crs = agree_on_crs(buildings, lines, override)
@@ -94,42 +96,47 @@ def read_city(path: Path, options: ReadOptions | None = None) -> tuple[City, Cit
         ledger.warn(f"{buildings.file}: {frame.why}")
 
     shapes = to_local_frame([item.geometry for item in buildings.items], building_crs, frame)
-    solids = objects_from_outlines(buildings, shapes, ledger, ground=_GROUND)
-    relief = (
-        None
-        if options.terrain is None
-        else ground_of_file(options.terrain, frame, coordinate_bounds(list(shapes)), ledger)
-    )
-    if relief is not None:
-        solids = raised(solids, relief)
+    with step(progress, "mending and raising the buildings"):
+        solids = objects_from_outlines(buildings, shapes, ledger, ground=_GROUND)
+    relief = None
+    if options.terrain is not None:
+        with step(progress, f"reading the ground of {options.terrain.name}"):
+            relief = ground_of_file(options.terrain, frame, coordinate_bounds(list(shapes)), ledger)
+            solids = raised(solids, relief)
     ledger.note("kept", "buildings", count=len(solids))
     if options.objects == "blocks":
         solids = merge_blocks(solids, ledger)
         ledger.note("kept", "objects (blocks)", count=len(solids))
 
-    graph = graph_from_lines(
-        lines,
-        moved_lines(lines, street_crs, frame),
-        solids,
-        ledger,
-        network=options.network,
-        ground=_GROUND if relief is None else relief,
-        window=None if options.clip is None else box_to_local_frame(options.clip, frame),
-    )
+    with step(progress, "joining the streets"):
+        graph = graph_from_lines(
+            lines,
+            moved_lines(lines, street_crs, frame),
+            solids,
+            ledger,
+            network=options.network,
+            ground=_GROUND if relief is None else relief,
+            window=None if options.clip is None else box_to_local_frame(options.clip, frame),
+        )
     city = City(solids, graph, frame.crs, frame.origin, path.name, _GROUND, relief)
     return city, _accounted(city, ledger)
 
 
-def _read_model_city(path: Path, file: Path, options: ReadOptions, override: CRS | None, ledger: Ledger) -> City:
+def _read_model_city(
+    path: Path, file: Path, options: ReadOptions, override: CRS | None, ledger: Ledger, progress: Progress | None
+) -> City:
     """The city of a 3D model: ``file``, which is ``path`` or the only one in that folder."""
     _refuse_columns(path, "a 3D model", options)
     if options.objects == "blocks":
         raise ParameterError(f"--objects: buildings expected, as {path} is a 3D model, found 'blocks'")
-    layer = read_model(file, ledger, lod=options.lod, up=options.up, crs=override)
+    with step(progress, f"reading the model {file.name}"):
+        layer = read_model(file, ledger, lod=options.lod, up=options.up, crs=override)
     lines: StreetLayer | None = None
     if options.streets is not None:
         own_metres = layer.crs is None and override is None
-        lines = _read_streets(_the_file(options.streets), ledger, layer=options.streets_layer, local=own_metres)
+        street_file = _the_file(options.streets)
+        with step(progress, f"reading the streets of {street_file.name}"):
+            lines = _read_streets(street_file, ledger, layer=options.streets_layer, local=own_metres)
     return city_of_model(
         layer,
         lines,
@@ -139,6 +146,7 @@ def _read_model_city(path: Path, file: Path, options: ReadOptions, override: CRS
         override=override,
         clip=options.clip,
         terrain=options.terrain,
+        progress=progress,
     )
 
 

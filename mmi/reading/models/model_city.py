@@ -42,6 +42,7 @@ from mmi.reading.models.mesh_files import is_mesh, read_meshes
 from mmi.reading.models.objects_from_meshes import objects_from_models
 from mmi.reading.raw_layers import BuildingLayer, ModelLayer, RawBuilding, StreetLayer
 from mmi.reading.report import Ledger
+from mmi.reading.steps import Progress, step
 
 __all__ = ["city_of_model", "is_model", "read_model"]
 
@@ -77,8 +78,9 @@ def city_of_model(
     override: CRS | None,
     clip: Box | None,
     terrain: Path | None,
+    progress: Progress | None = None,
 ) -> City:
-    """A city of the model's buildings. ``streets`` of another file replace its own.
+    """A city of the model's buildings. ``streets`` of another file replace its own; ``progress`` hears of each step.
 
     Raises:
         CityError: nothing usable; the CRS of the model and of its streets or ground do not agree.
@@ -96,11 +98,13 @@ def city_of_model(
     def move(points: NDArray[np.float64]) -> NDArray[np.float64]:
         return points_to_local_frame(points, building_crs, frame)
 
-    objects = objects_from_models(layer, move, ledger)
-    ground = _ground(layer, objects, move, frame, terrain, ledger)
-    objects = settled(objects, ground, ledger)
+    objects = objects_from_models(layer, move, ledger, progress=progress)
+    with step(progress, "setting the buildings on the ground"):
+        ground = _ground(layer, objects, move, frame, terrain, ledger)
+        objects = settled(objects, ground, ledger)
     if lines is None:
-        paths, enclosed = open_space_streets(np.array([one.footprint for one in objects], dtype=object))
+        with step(progress, "looking for paths through the open space"):
+            paths, enclosed = open_space_streets(np.array([one.footprint for one in objects], dtype=object))
         if not paths:
             raise CityError(
                 f"{layer.file}: no streets, and no open space between the buildings; expected --streets FILE"
@@ -112,15 +116,16 @@ def city_of_model(
         shapes = [list(item.lines) for item in lines.items]
     else:
         shapes = moved_lines(lines, street_crs, frame)
-    graph = graph_from_lines(
-        lines,
-        shapes,
-        objects,
-        ledger,
-        network=network,
-        ground=ground,
-        window=None if clip is None else box_to_local_frame(clip, frame),
-    )
+    with step(progress, "joining the streets"):
+        graph = graph_from_lines(
+            lines,
+            shapes,
+            objects,
+            ledger,
+            network=network,
+            ground=ground,
+            window=None if clip is None else box_to_local_frame(clip, frame),
+        )
     flat_ground = 0.0 if isinstance(ground, Terrain) else ground
     rising = ground if isinstance(ground, Terrain) else None
     return City(objects, graph, frame.crs, frame.origin, source, flat_ground, rising, layer.textures)

@@ -29,6 +29,7 @@ from mmi.reading.models.needles import without_needles
 from mmi.reading.models.raw_meshes import linked
 from mmi.reading.raw_layers import ModelLayer
 from mmi.reading.report import Ledger
+from mmi.reading.steps import Progress, counted_step
 
 __all__ = ["objects_from_models"]
 
@@ -53,9 +54,13 @@ _ROUGH = 120
 
 
 def objects_from_models(
-    layer: ModelLayer, move: Callable[[NDArray[np.float64]], NDArray[np.float64]], ledger: Ledger
+    layer: ModelLayer,
+    move: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    ledger: Ledger,
+    *,
+    progress: Progress | None = None,
 ) -> tuple[CityObject, ...]:
-    """The layer's buildings in the city's frame, into which ``move`` takes points (n, 3).
+    """The layer's buildings in the city's frame, into which ``move`` takes points (n, 3); ``progress`` hears of each.
 
     Raises:
         CityError: no building has a volume or an area.
@@ -63,7 +68,8 @@ def objects_from_models(
     objects = []
     ends = np.cumsum([0, *(len(item.mesh.vertices) for item in layer.items)])
     moved = np.round(move(np.concatenate([item.mesh.vertices for item in layer.items])), 3) + 0.0
-    for item, (start, end) in zip(layer.items, pairwise(ends.tolist()), strict=True):
+    items = counted_step(progress, "mending the buildings", layer.items)
+    for item, (start, end) in zip(items, pairwise(ends.tolist()), strict=True):
         mesh = _cleaned(replace(item.mesh, vertices=moved[start:end]), item.id, ledger)
         if mesh is None:
             continue

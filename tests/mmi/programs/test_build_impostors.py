@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -419,10 +419,19 @@ def test_help_does_not_load_what_a_build_needs():
 def test_progress_is_shown_on_a_terminal_only(city, dataset):
     ours, theirs = os.openpty()
     command = [*BUILD, city, "-o", dataset, *SMALL]
-    subprocess.run(command, stdout=subprocess.DEVNULL, stderr=theirs, check=True, env=os.environ | {"TERM": "xterm"})
-    os.close(theirs)
-    with open(ours, "rb", buffering=0) as terminal:  # noqa: PTH123
-        assert b"preparing" in terminal.read(65536)
+    shown = b""
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=theirs, env=os.environ | {"TERM": "xterm"}
+    ) as program:
+        os.close(theirs)
+        # Read while it runs: a terminal that nobody reads holds a few kilobytes, then the program waits.
+        with open(ours, "rb", buffering=0) as terminal, suppress(OSError):  # noqa: PTH123
+            while more := terminal.read(65536):
+                shown += more
+    assert program.returncode == 0
+    assert b"steps of reading" in shown
+    assert b"cells" in shown
+    assert b"preparing" in shown
     done = subprocess.run(command, capture_output=True, check=True)
     assert done.stderr == b""
 
