@@ -20,7 +20,7 @@ PAPER = {
     "O2": {"full": 1.0, "local": 14.5, "visible": 4.3, "single-mesh": 15.9, "multi-mesh": 10.9},
     "InfiniteReality": {"full": 3.3, "local": 118.4, "visible": 18.4, "single-mesh": 103.3, "multi-mesh": 85.0},
 }
-"""DrawnPicture rates of the paper's table 1, Hz."""
+"""Frame rates of the paper's table 1, Hz."""
 _TRIANGLE_BYTES = 3 * 4 + 2 * 28
 """Three indices, and two vertices of 28 bytes: walls are quads of their own."""
 _TURN = 1.0

@@ -1,5 +1,6 @@
 """The examples run as they stand, and do what they say."""
 
+import importlib
 import importlib.util
 from pathlib import Path
 
@@ -75,6 +76,17 @@ def test_plots_of_ones_own_are_written(built, tmp_path):
     layers = {layer["index"] for sector in cell["layers"] for layer in sector}
     assert {text.get_text() for text in depths.axes[0].get_yticklabels()} == {f"layer {i}" for i in layers}
     assert all(bar.get_width() > 0.0 for bar in depths.axes[0].patches)
+
+
+def test_a_technique_of_ones_own_is_compared(built, capsys, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLES)
+    report = importlib.import_module("a_technique_of_ones_own").main(built[0], tmp_path / "comparison", views=3)
+    own = report["techniques"]["within 100 m"]
+    assert own["origin"] == {"function": "a_technique_of_ones_own:within_100_m", "version": "1"}
+    wrong = [report["techniques"][name]["wrong_share"] for name in ("multi-mesh", "within 100 m", "local")]
+    assert wrong == sorted(wrong), "the more is drawn the less is wrong"
+    assert wrong[0] < wrong[1] < wrong[2]
+    assert "within 100 m " in capsys.readouterr().out
 
 
 def test_own_buildings_are_near_in_layers_or_hidden(capsys):

@@ -12,7 +12,16 @@ from typing import NoReturn
 
 from mmi.foundation.errors import MmiError
 
-__all__ = ["Parser", "ProgressBar", "names_option", "numbers_option", "path_option", "run_program", "size_option"]
+__all__ = [
+    "Parser",
+    "ProgressBar",
+    "look_here_for_plug_ins",
+    "names_option",
+    "numbers_option",
+    "path_option",
+    "run_program",
+    "size_option",
+]
 
 
 class Parser(argparse.ArgumentParser):
@@ -72,6 +81,17 @@ class ProgressBar:
 
     def __exit__(self, *_: object) -> None:
         self._bar.stop()
+
+
+def look_here_for_plug_ins() -> None:
+    """Let modules of the current folder be imported, after all others: ``my_module:function`` is mostly there.
+
+    Python itself does so for scripts and ``python -m``, but not for installed programs. Processes that are started later have
+    it from this one.
+    """
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)
 
 
 def size_option(text: str) -> tuple[int, int]:

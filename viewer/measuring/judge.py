@@ -31,7 +31,7 @@ from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.disocclusion import disocclusion_mask, panorama_views
 from viewer.measuring.view_errors import ViewErrors, WrongRegions, view_errors, wrong_regions
-from viewer.plan import Plan, Technique
+from viewer.plan import Plan
 from viewer.scene.scene import WalkScene
 from viewer.walks.walk import Pose
 
@@ -112,7 +112,7 @@ class Judge:
 
     def score(
         self,
-        technique: Technique,
+        technique: str,
         plan: Plan,
         pose: Pose,
         truth: tuple[DrawnPicture, NDArray[np.bool_]],
@@ -120,12 +120,12 @@ class Judge:
         cell: str,
         time: float | None = None,
     ) -> DrawnPicture:
-        """Draw a technique's ``plan`` and compare it with ``truth``; the picture."""
+        """Draw a ``plan`` of the technique of this name and compare it with ``truth``; the picture."""
         picture, hidden = truth
         self._cache.want(plan.cells)
         self._cache.require(plan.cells)
         shown = self._renderer.draw(plan, pose.view(self._camera), measured=True)
-        where = _Where(technique.name, cell, pose, time)
+        where = _Where(technique, cell, pose, time)
         task = (picture, shown, self._camera.focal, hidden, self._flip)
         if self._pool is None:
             self._settle(where, picture, shown, _compare(*task))

@@ -13,7 +13,10 @@ import numpy as np
 
 from viewer.measuring.view_errors import ViewErrors
 
-__all__ = ["frame_summary", "summarise"]
+__all__ = ["ERRORS", "frame_summary", "summarise"]
+
+ERRORS = ("hole_share", "wrong_share", "wrong_thickness_px", "displacement_px", "flip", "psnr_db", "ssim")
+"""What :func:`summarise` tells."""
 
 
 def summarise(errors: Sequence[ViewErrors]) -> dict[str, Any]:

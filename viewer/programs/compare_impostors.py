@@ -10,8 +10,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from mmi.foundation.errors import ParameterError
+from mmi.foundation.plug_ins import names_plug_in
 from mmi.foundation.processes import usable_cores
-from mmi.programs.command_line import Parser, ProgressBar, names_option, path_option, run_program
+from mmi.programs.command_line import (
+    Parser,
+    ProgressBar,
+    look_here_for_plug_ins,
+    names_option,
+    path_option,
+    run_program,
+)
 
 if TYPE_CHECKING:
     from viewer.scene.scene import WalkScene
@@ -29,6 +37,7 @@ examples:
   compare-impostors out/helsinki -o out/comparison --views 500 --seed 2 --techniques single-mesh,multi-mesh
   compare-impostors out/helsinki -o out/tour --tour 400 --video           walk 400 m, and film it
   compare-impostors out/helsinki -o out/walk --path walk.json
+  compare-impostors out/helsinki -o out/mine --techniques full,multi-mesh,my_module:my_technique
 
 Open DIR/report.html; DIR/report.json has the same figures, and DIR/worst the worst views.
 """
@@ -66,7 +75,8 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         type=names_option,
         default=names_option(_TECHNIQUES),
         metavar="A,B,...",
-        help=f"default: {_TECHNIQUES}",
+        help=f"default: {_TECHNIQUES}; package.module:function is a technique of your own (a function of the scene, in a "
+        "module that can be imported or is in the current folder)",
     )
     walks = parser.add_argument_group("walks")
     walks.add_argument("--speed", type=float, default=5.0, metavar="M/S", help="of a tour (default: %(default)g)")
@@ -112,6 +122,8 @@ def _compare(options: argparse.Namespace) -> None:
     from viewer.walks.tour import tour
     from viewer.walks.walk import read_walk, write_walk
 
+    if any(map(names_plug_in, options.techniques)):
+        look_here_for_plug_ins()
     try:
         chosen = CompareOptions(
             techniques=tuple(options.techniques),
@@ -179,6 +191,10 @@ def _print_table(report: dict[str, Any], out: Path) -> None:
         table.add_column(heading, justify="right", no_wrap=True)
     for name, one in report["techniques"].items():
         thick, moved, frame = one["wrong_thickness_px"], one["displacement_px"], one["frame_ms"]
+        times = f"{frame['p50']:.1f} / {frame['p99']:.1f}"
+        if name == report["reference"]:
+            table.add_row(name, "-", "-", "-", "-", "-", "-", "-", times)
+            continue
         table.add_row(
             name,
             f"{100.0 * one['hole_share']:.3f}",
@@ -188,8 +204,8 @@ def _print_table(report: dict[str, Any], out: Path) -> None:
             "-" if one["flip"] is None else f"{one['flip']['mean']:.4f}",
             "equal" if one["psnr_db"] is None else f"{one['psnr_db']:.1f}",
             f"{one['ssim']:.4f}",
-            f"{frame['p50']:.1f} / {frame['p99']:.1f}",
+            times,
         )
     talk.print(table)
-    talk.print("thickness and displacement: p50 / p99 / max; frame: p50 / p99", style="dim")
+    talk.print("thickness and displacement: p50 / p99 / max; frame: p50 / p99; - is not measured", style="dim")
     talk.print(f"{out / 'report.html'}", soft_wrap=True)

@@ -3,14 +3,13 @@
     compare_views    how wrong techniques are in views that no capture has seen, and how fast each view is drawn
     compare_walk     a walk with its frame loop and its loading, each technique with empty caches; then views spread over it
 
-Both write ``report.json``, ``report.html`` and pictures of the worst views into a folder, and return the report.
+Both write ``report.json``, ``report.html`` and pictures of the worst views into a folder, and return the report. The geometry
+is what techniques are compared with, so it is drawn and timed, and has no errors.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,88 +17,38 @@ import numpy as np
 
 from mmi.dataset.reading import Dataset, open_dataset
 from mmi.foundation.errors import ParameterError
-from viewer.cells.cell_cache import CacheReport, CellCache
+from viewer.cells.cell_cache import CacheReport
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
-from viewer.measuring.judge import Judge, Scored
-from viewer.measuring.summary import frame_summary, summarise
-from viewer.measuring.view_errors import pop
-from viewer.plan import Budget, Technique
+from viewer.measuring.judge import Judge
+from viewer.plan import Budget
 from viewer.report.baseline import single_mesh_scene
 from viewer.report.entries import (
     by_technique,
     frame_series,
-    gpu_times,
     loading_of,
-    mean_sent,
     pops_of,
     report_of,
     scored_views,
+    technique_of,
     worst_views,
 )
+from viewer.report.options import CompareOptions, Progress
 from viewer.report.page import write_report
-from viewer.report.pictures import side_by_side
-from viewer.report.video import VideoWriter
-from viewer.runtime.loop import FrameLoop, FrameTimes, run_walk
+from viewer.report.walk_scores import score_walk, spread
+from viewer.runtime.loop import Frame, FrameLoop, FrameTimes, run_walk
 from viewer.scene.scene import WalkScene, open_scene
-from viewer.techniques.catalogue import LAYERED, TECHNIQUES, make_technique
+from viewer.techniques.catalogue import MAIN, REFERENCE, make_technique
 from viewer.walks.random_views import random_views
 from viewer.walks.walk import Step, Walk
 
 __all__ = ["CompareOptions", "Progress", "compare_views", "compare_walk"]
 
-Progress = Callable[[str, int, int], None]
-"""Called with what is being done, how much of it is done, and how much there is."""
-
-_SAMPLES = (0, 2, 4, 8, 16)
 _LONGEST_WEBP = 2 << 30
 """Bytes of frames: an animated WebP is made of all of them at once."""
 _TIMINGS = 3
 """Times that a random view is drawn for its frame time, the median of which counts."""
-_MOST_POPS = 24
-"""Changes of cells whose pop is measured, spread over the walk."""
-
-
-@dataclass(frozen=True, slots=True)
-class CompareOptions:
-    """How to compare; raises ParameterError for what has no meaning.
-
-    ``fade`` seconds of cross-fade at changes of cells; ``samples`` of multisampling in timed frames and videos; ``cache``
-    bytes for cells in memory; ``scored`` views spread over a walk; ``keep`` worst views a technique as pictures; without
-    ``flip`` that measure, by far the slowest, is left out; ``video`` is the suffix of a film of the walk.
-    """
-
-    techniques: tuple[str, ...] = TECHNIQUES
-    frames_per_second: float = 30.0
-    fade: float = 0.0
-    samples: int = 0
-    cache: int = 512 << 20
-    scored: int = 60
-    keep: int = 6
-    flip: bool = True
-    video: str | None = None
-    workers: int = 1
-
-    def __post_init__(self) -> None:
-        unknown = [name for name in self.techniques if name not in TECHNIQUES]
-        if unknown or not self.techniques or len(set(self.techniques)) < len(self.techniques):
-            raise ParameterError(
-                f"techniques: some of {', '.join(TECHNIQUES)} expected, each once, found {', '.join(self.techniques)!r}"
-            )
-        for name, least, most in (
-            ("frames_per_second", 1.0, 240.0),
-            ("fade", 0.0, 10.0),
-            ("cache", 1_000_000, 1 << 40),
-            ("scored", 1, 100_000),
-            ("keep", 0, 100),
-            ("workers", 1, 1024),
-        ):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and least <= value <= most):
-                raise ParameterError(f"{name}: a number from {least:g} to {most:g} expected, found {value!r}")
-        if self.samples not in _SAMPLES:
-            raise ParameterError(f"samples: one of {', '.join(map(str, _SAMPLES))} expected, found {self.samples!r}")
 
 
 def compare_views(
@@ -120,49 +69,48 @@ def compare_views(
     poses = random_views(main.whereabouts.cells, views, seed=seed, terrain=main.terrain)
     cells = [main.whereabouts.cell_at(np.array(pose.eye), current=None) for _, pose in poses]
     scenes = _scenes(main, out, cells, options, tell)
-    camera = main.camera
+    size = (main.camera.width, main.camera.height)
     # Timed first, in peace: comparing takes all processors.
-    pictures: dict[str, list[DrawnPicture]] = {name: [] for name in options.techniques}
+    pictures: dict[str, list[DrawnPicture]] = {entry.name: [] for entry in options.entries}
     with (
-        _renderer(main, measured=False, samples=options.samples) as renderer,
+        Renderer(main.mesh, main.ground, size=size, samples=options.samples) as renderer,
         cell_cache(scenes, renderer, capacity=options.cache) as cache,
     ):
         device = renderer.device
         for done, (_, pose) in enumerate(poses):
             tell("views timed", done, views)
-            view = pose.view(camera)
-            for name in options.techniques:
-                plan = make_technique(name, scenes).plan(view, now=0.0, budget=Budget())
+            view = pose.view(main.camera)
+            for entry in options.entries:
+                plan = make_technique(entry, scenes).plan(view, now=0.0, budget=Budget())
                 cache.want(plan.cells)
                 cache.require(plan.cells)
                 again = [renderer.draw(plan, view, read=False) for _ in range(_TIMINGS)]
-                pictures[name].append(sorted(again, key=lambda picture: picture.seconds)[_TIMINGS // 2])
+                pictures[entry.name].append(sorted(again, key=lambda picture: picture.seconds)[_TIMINGS // 2])
+    compared = [entry for entry in options.entries if entry.name != REFERENCE]
     with (
-        _renderer(main, measured=True, samples=0) as renderer,
+        Renderer(main.mesh, main.ground, size=size, measured=True) as renderer,
         cell_cache(scenes, renderer, measured=True, capacity=options.cache) as cache,
-        _judge(main, renderer, cache, options) as judge,
+        Judge(main, renderer, cache, keep=options.keep, flip=options.flip, workers=options.workers) as judge,
     ):
-        for done, ((_, pose), cell) in enumerate(zip(poses, cells, strict=True)):
+        for done, ((_, pose), cell) in enumerate(zip(poses, cells, strict=True) if compared else ()):
             tell("views scored", done, views)
-            view = pose.view(camera)
-            full = make_technique("full", scenes).plan(view, now=0.0, budget=Budget())
-            truth = judge.truth(full, pose, cell)
-            for name in options.techniques:
-                technique = make_technique(name, scenes)
-                judge.score(technique, technique.plan(view, now=0.0, budget=Budget()), pose, truth, cell=cell)
+            view = pose.view(main.camera)
+            truth = judge.truth(make_technique(REFERENCE, scenes).plan(view, now=0.0, budget=Budget()), pose, cell)
+            for entry in compared:
+                plan = make_technique(entry, scenes).plan(view, now=0.0, budget=Budget())
+                judge.score(entry.name, plan, pose, truth, cell=cell)
         tell("views scored", views, views)
         scores = by_technique(judge.results())
-        worst = worst_views(judge, options.techniques, out)
+        worst = worst_views(judge, [entry.name for entry in compared], out)
     techniques = {
-        name: summarise([one.errors for one in scores[name]])
-        | {
-            "pop": None,
-            "frame_ms": frame_summary([picture.seconds for picture in pictures[name]]),
-            "gpu_ms": gpu_times([picture.gpu_seconds for picture in pictures[name]]),
-            "loading": None,
-        }
-        | mean_sent([(picture.triangles, picture.draws) for picture in pictures[name]])
-        for name in options.techniques
+        entry.name: technique_of(
+            entry,
+            scores.get(entry.name),
+            seconds=[picture.seconds for picture in pictures[entry.name]],
+            gpu=[picture.gpu_seconds for picture in pictures[entry.name]],
+            sent=[(picture.triangles, picture.draws) for picture in pictures[entry.name]],
+        )
+        for entry in options.entries
     }
     report = report_of(main, device, mode="views", views=views, seed=seed, techniques=techniques)
     report |= {"walk": None, "series": None, "scored": scored_views(scores), "worst": worst, "videos": []}
@@ -188,47 +136,43 @@ def compare_walk(
     if not isinstance(walk, Walk):
         walk = walk(main)
     steps = walk.frames(options.frames_per_second)
-    panels = len({"full", *options.techniques})
-    size = 3 * main.camera.width * main.camera.height * panels * len(steps)
-    if options.video == "webp" and size > _LONGEST_WEBP:
-        raise ParameterError(
-            f"--video: an animated WebP of at most {_LONGEST_WEBP >> 20} MB of frames expected, found {size >> 20} MB; "
-            "make it an mp4, or the walk shorter"
-        )
-    places = _places(main, steps)
-    scenes = _scenes(main, out, places, options, tell)
+    _check_film(main, steps, options)
+    scenes = _scenes(main, out, _places(main, steps), options, tell)
 
     runs: dict[str, list[FrameTimes]] = {}
     loads: dict[str, CacheReport] = {}
     device = ""
-    for number, name in enumerate(options.techniques):
-        tell("walks", number, len(options.techniques))
+    frames = len(options.entries) * len(steps)
+    for number, entry in enumerate(options.entries):
         with (
-            _renderer(main, measured=False, samples=options.samples) as renderer,
+            Renderer(
+                main.mesh, main.ground, size=(main.camera.width, main.camera.height), samples=options.samples
+            ) as renderer,
             cell_cache(scenes, renderer, capacity=options.cache) as cache,
         ):
             device = renderer.device
-            technique = make_technique(name, scenes, fade=options.fade)
+            technique = make_technique(entry, scenes, fade=options.fade)
             budget = 1.0 / options.frames_per_second
             loop = FrameLoop(technique, renderer, cache, camera=main.camera, budget=budget)
-            runs[name] = run_walk(steps, loop)
-            loads[name] = cache.report
-    tell("walks", len(options.techniques), len(options.techniques))
+            runs[entry.name] = run_walk(steps, loop, shown=_telling(tell, number * len(steps), frames))
+            loads[entry.name] = cache.report
+    tell("frames timed", frames, frames)
 
-    scores, pops, worst, videos = _score_walk(main, scenes, steps, runs, out, options, tell)
+    found = score_walk(main, scenes, steps, runs, out, options, tell)
     techniques = {
-        name: summarise([one.errors for one in scores[name]])
-        | {
-            "pop": pops_of(pops[name], sum(frame.entered for frame in runs[name])) if name in LAYERED else None,
-            "frame_ms": frame_summary([frame.total for frame in runs[name]]),
-            "gpu_ms": gpu_times([frame.gpu for frame in runs[name]]),
-            "loading": loading_of(loads[name], runs[name]) if name in LAYERED else None,
-        }
-        | mean_sent([(frame.triangles, frame.draws) for frame in runs[name]])
-        for name in options.techniques
+        entry.name: technique_of(
+            entry,
+            found.scores.get(entry.name),
+            seconds=[frame.total for frame in runs[entry.name]],
+            gpu=[frame.gpu for frame in runs[entry.name]],
+            sent=[(frame.triangles, frame.draws) for frame in runs[entry.name]],
+            pop=pops_of(found.pops[entry.name], sum(frame.entered for frame in runs[entry.name])),
+            loading=loading_of(loads[entry.name], runs[entry.name]) if entry.layered else None,
+        )
+        for entry in options.entries
     }
     report = report_of(
-        main, device, mode=mode, views=len(_spread(len(steps), options.scored)), seed=None, techniques=techniques
+        main, device, mode=mode, views=len(spread(len(steps), options.scored)), seed=None, techniques=techniques
     )
     report |= {
         "walk": {
@@ -240,9 +184,9 @@ def compare_walk(
             "legs": sum(step.cut for step in steps),
         },
         "series": {name: frame_series(run) for name, run in runs.items()},
-        "scored": scored_views(scores),
-        "worst": worst,
-        "videos": videos,
+        "scored": scored_views(found.scores),
+        "worst": found.worst,
+        "videos": found.videos,
     }
     write_report(report, out)
     return report
@@ -260,15 +204,15 @@ def _open(dataset: Path, out: Path) -> WalkScene:
     if found.manifest.parameters.layering == "single":
         raise ParameterError(f"{dataset}: a dataset of several layers expected, found one built with --layering single")
     out.mkdir(parents=True, exist_ok=True)
-    return open_scene(found, name="multi-mesh")
+    return open_scene(found, name=MAIN)
 
 
 def _scenes(
     main: WalkScene, out: Path, cells: Iterable[str], options: CompareOptions, tell: Progress
 ) -> dict[str, WalkScene]:
     """The scenes that the techniques need."""
-    scenes = {"multi-mesh": main}
-    if "single-mesh" in options.techniques:
+    scenes = {MAIN: main}
+    if any(entry.scene == "single-mesh" for entry in options.entries):
         scenes["single-mesh"] = single_mesh_scene(
             main,
             out / "single-mesh",
@@ -279,13 +223,15 @@ def _scenes(
     return scenes
 
 
-def _renderer(scene: WalkScene, *, measured: bool, samples: int) -> Renderer:
-    size = (scene.camera.width, scene.camera.height)
-    return Renderer(scene.mesh, scene.ground, size=size, measured=measured, samples=samples)
-
-
-def _judge(scene: WalkScene, renderer: Renderer, cache: CellCache, options: CompareOptions) -> Judge:
-    return Judge(scene, renderer, cache, keep=options.keep, flip=options.flip, workers=options.workers)
+def _check_film(main: WalkScene, steps: Sequence[Step], options: CompareOptions) -> None:
+    """Raises ParameterError where the film of a walk would not fit into memory."""
+    panels = len({REFERENCE, *(entry.name for entry in options.entries)})
+    size = 3 * main.camera.width * main.camera.height * panels * len(steps)
+    if options.video == "webp" and size > _LONGEST_WEBP:
+        raise ParameterError(
+            f"--video: an animated WebP of at most {_LONGEST_WEBP >> 20} MB of frames expected, found {size >> 20} MB; "
+            "make it an mp4, or the walk shorter"
+        )
 
 
 def _places(scene: WalkScene, steps: Sequence[Step]) -> list[str]:
@@ -299,112 +245,9 @@ def _places(scene: WalkScene, steps: Sequence[Step]) -> list[str]:
     return names
 
 
-# ------------------------------------------------------------------------------------------------- walks, scored
-
-
-def _score_walk(
-    main: WalkScene,
-    scenes: Mapping[str, WalkScene],
-    steps: Sequence[Step],
-    runs: Mapping[str, Sequence[FrameTimes]],
-    out: Path,
-    options: CompareOptions,
-    tell: Progress,
-) -> tuple[dict[str, list[Scored]], dict[str, list[float]], list[dict[str, Any]], list[str]]:
-    """Walk again, all techniques side by side: scores of views spread over the walk, pops, the worst views, films."""
-    chosen = set(_spread(len(steps), options.scored))
-    entered = {
-        name: _some([i for i, frame in enumerate(runs[name]) if frame.entered], _MOST_POPS)
-        for name in options.techniques
-        if name in LAYERED
-    }
-    # A fade is over some frames after the cell was entered.
-    after = 1 + math.ceil(options.fade * options.frames_per_second)
-    popping = {name: {i for entry in some for i in range(entry, entry + after)} for name, some in entered.items()}
-    around = {i + step for some in popping.values() for i in some for step in (-1, 0)} if options.flip else set()
-    largest: dict[tuple[str, int], float] = {}
-    techniques: dict[str, Technique] = {name: make_technique(name, scenes, fade=options.fade) for name in runs}
-    full = make_technique("full", scenes)
-    names = ["full", *(name for name in options.techniques if name != "full")]
-    film = _Film(out, names, options)
-    with (
-        _renderer(main, measured=True, samples=options.samples) as renderer,
-        cell_cache(scenes, renderer, measured=True, capacity=options.cache) as cache,
-        _judge(main, renderer, cache, options) as judge,
-        film as add,
-    ):
-        before: dict[str, DrawnPicture] = {}
-        for step in steps:
-            tell("frames", step.index, len(steps))
-            view = step.pose.view(main.camera)
-            budget = Budget(1.0 / options.frames_per_second)
-            plans = {name: one.plan(view, now=step.time, budget=budget) for name, one in techniques.items()}
-            whole = full.plan(view, now=step.time, budget=budget)
-            if step.index in chosen:
-                cell = main.whereabouts.cell_at(np.array(step.pose.eye), current=None)
-                place = next((plan.place for plan in plans.values() if plan.place), cell)
-                truth = judge.truth(whole, step.pose, place)
-                for name, plan in plans.items():
-                    judge.score(techniques[name], plan, step.pose, truth, cell=place, time=step.time)
-            if step.index not in around and not film.wanted:
-                continue
-            shown = {}
-            for name, plan in {"full": whole, **plans}.items():
-                if film.wanted or name in ("full", *entered):
-                    cache.want(plan.cells)
-                    cache.require(plan.cells)
-                    shown[name] = renderer.draw(plan, view)
-            for name, some in popping.items():
-                if step.index in some and options.flip and not step.cut:
-                    entry = max(i for i in entered[name] if i <= step.index)
-                    found = pop(before[name], shown[name], before["full"], shown["full"])
-                    largest[name, entry] = max(found, largest.get((name, entry), -1.0))
-            add([shown[name].color for name in names] if film.wanted else [])
-            before = shown
-        tell("frames", len(steps), len(steps))
-        scores = by_technique(judge.results())
-        worst = worst_views(judge, options.techniques, out)
-    pops = {name: [value for (other, _), value in largest.items() if other == name] for name in options.techniques}
-    return scores, pops, worst, film.files
-
-
-class _Film:
-    """The film of a walk, where one is wanted: all techniques side by side. A context manager that yields what takes frames."""
-
-    def __init__(self, out: Path, names: Sequence[str], options: CompareOptions) -> None:
-        self.wanted = options.video is not None
-        self.files: list[str] = []
-        self._names = list(names)
-        self._path = out / f"walk.{options.video}"
-        self._rate = options.frames_per_second
-        self._writer: VideoWriter | None = None
-
-    def __enter__(self) -> Callable[[Sequence[np.ndarray[Any, Any]]], None]:
-        return self._add
-
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: Any) -> None:  # noqa: ANN401
-        if self._writer is not None:
-            self._writer.__exit__(kind, value, trace)
-            if kind is None:
-                self.files.append(self._path.name)
-
-    def _add(self, panels: Sequence[np.ndarray[Any, Any]]) -> None:
-        if not self.wanted:
-            return
-        frame = side_by_side(panels, self._names)
-        if self._writer is None:
-            self._writer = VideoWriter(self._path, (frame.shape[1], frame.shape[0]), self._rate)
-            self._writer.__enter__()
-        self._writer.add(frame)
-
-
-def _spread(n: int, wanted: int) -> list[int]:
-    """At most ``wanted`` of the numbers below ``n``, evenly spread."""
-    return sorted(set(np.linspace(0, n - 1, min(n, wanted)).round().astype(int).tolist()))
-
-
-def _some(values: Sequence[int], wanted: int) -> set[int]:
-    return {values[i] for i in _spread(len(values), wanted)} if values else set()
+def _telling(tell: Progress, before: int, frames: int) -> Callable[[Step, Frame], None]:
+    """What tells of each frame that was timed; ``before`` of all ``frames`` were timed by other techniques."""
+    return lambda step, _: tell("frames timed", before + step.index, frames)
 
 
 def _silent(what: str, done: int, total: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,22 +12,28 @@ import numpy as np
 
 from viewer.cells.cell_cache import CacheReport
 from viewer.measuring.judge import Judge, Scored
-from viewer.measuring.summary import frame_summary
+from viewer.measuring.summary import ERRORS, frame_summary, summarise
 from viewer.report.pictures import save_picture, triptych
 from viewer.runtime.loop import FrameTimes
 from viewer.scene.scene import WalkScene
+from viewer.techniques.catalogue import REFERENCE, TechniqueEntry
 
 __all__ = [
     "by_technique",
     "frame_series",
     "gpu_times",
     "loading_of",
-    "mean_sent",
     "pops_of",
     "report_of",
     "scored_views",
+    "technique_of",
     "worst_views",
 ]
+
+_RASTERS = 2.0
+"""Pixels that the rasters of reference and textures may add to the error that a dataset was built for (DESIGN section 6)."""
+_AWKWARD = re.compile(r"[^\w.-]+")
+"""What names of techniques may hold and names of files are better without."""
 
 
 def report_of(
@@ -43,17 +50,18 @@ def report_of(
     manifest = scene.dataset.manifest
     rate = {name: 1.0 / max(one["frame_ms"]["p50"], 1e-9) for name, one in techniques.items()}
     return {
-        "format_version": 1,
+        "format_version": 2,
         "program": "compare-impostors",
         "dataset": {
             "name": scene.dataset.path.resolve().name,
             "source": manifest.city.source,
             "max_error_px": scene.parameters.max_error_px,
+            "promised_px": scene.parameters.max_error_px + _RASTERS if scene.parameters.bounded else None,
             "cells": len(manifest.cells),
         },
         "device": device,
         "display": {"width": camera.width, "height": camera.height, "fov_deg": math.degrees(camera.fov)},
-        "reference": "full",
+        "reference": REFERENCE,
         "mode": mode,
         "views": views,
         "seed": seed,
@@ -65,6 +73,33 @@ def report_of(
     }
 
 
+def technique_of(
+    entry: TechniqueEntry,
+    scored: Sequence[Scored] | None,
+    *,
+    seconds: Sequence[float],
+    gpu: Sequence[float | None],
+    sent: Sequence[tuple[int, int]],
+    pop: dict[str, Any] | None = None,
+    loading: dict[str, Any] | None = None,
+) -> dict[str, Any]:
+    """What the report says of a technique: its ``scored`` views, None for the reference, which nothing is wrong with.
+
+    Of each of its frames ``seconds``, what the GPU says of them, and what was ``sent`` (triangles, draws).
+    """
+    origin = entry.origin
+    return {
+        "layered": entry.layered,
+        "origin": None if origin is None else {"function": origin.target, "version": origin.version},
+        **(dict.fromkeys(ERRORS) if scored is None else summarise([one.errors for one in scored])),
+        "pop": pop,
+        "frame_ms": frame_summary(seconds),
+        "gpu_ms": gpu_times(gpu),
+        **_mean_sent(sent),
+        "loading": loading,
+    }
+
+
 def worst_views(judge: Judge, techniques: Sequence[str], out: Path) -> list[dict[str, Any]]:
     """Pictures of the worst views, instead of an earlier report's, and what the report says of them."""
     for stale in (out / "worst").glob("*-[0-9][0-9].png"):
@@ -73,7 +108,7 @@ def worst_views(judge: Judge, techniques: Sequence[str], out: Path) -> list[dict
     for name in techniques:
         for rank, view in enumerate(judge.worst(name), start=1):
             scored, errors = view.scored, view.scored.errors
-            file = f"worst/{name}-{rank:02d}.png"
+            file = f"worst/{_AWKWARD.sub('-', name)}-{rank:02d}.png"
             titles = ("geometry", name, "what is wrong")
             (out / "worst").mkdir(exist_ok=True)
             save_picture(
@@ -134,7 +169,7 @@ def frame_series(run: Sequence[FrameTimes]) -> dict[str, Any]:
     }
 
 
-def mean_sent(counts: Sequence[tuple[int, int]]) -> dict[str, float]:
+def _mean_sent(counts: Sequence[tuple[int, int]]) -> dict[str, float]:
     """Mean triangles and draws of frames, from pairs (triangles, draws)."""
     triangles, draws = np.mean(np.array(counts, dtype=np.float64), axis=0).tolist()
     return {"triangles": triangles, "draws": draws}
@@ -157,7 +192,7 @@ def loading_of(report: CacheReport, run: Sequence[FrameTimes]) -> dict[str, Any]
 
 
 def pops_of(pops: Sequence[float], switches: int) -> dict[str, Any] | None:
-    """Pops at changes of cells, of which there were ``switches``; None where none was measured."""
+    """Pops at changes of cells, of which there were ``switches``; None where no pop was measured."""
     if not pops:
         return None
     return {"switches": switches, "mean": float(np.mean(pops)), "max": float(np.max(pops))}

@@ -48,7 +48,7 @@ def technique_color(name: str) -> str:
 
 
 def frame_times(series: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """DrawnPicture times of all techniques of ``series`` along the walk, and when they changed cells."""
+    """Frame times of all techniques of ``series`` along the walk, and when they changed cells."""
     switching = [name for name in series if series[name]["switch"]]
     figure = new_figure(8.0, 3.4 + 0.22 * len(switching))
     grid = figure.add_gridspec(2, 1, height_ratios=(3.0, 0.22 * max(len(switching), 1)))

@@ -1,37 +1,107 @@
-"""Techniques by name: the datasets that they need, and the cache that their cells come from.
+"""Techniques by name, as values: what each makes, from which dataset's scene, and whether it draws layers of cells.
 
 full, visible, local      geometry only                                     (viewer.techniques.geometry)
-multi-mesh                the dataset that is compared                      (viewer.techniques.layered)
 single-mesh               the same city and parameters, one layer a view; built where it is not there yet
+multi-mesh                the dataset that is compared                      (viewer.techniques.layered)
+
+A technique of one's own needs no entry here: ``package.module:function`` names a function that is called with the scene of the
+dataset that is compared and returns a technique (:mod:`mmi.foundation.plug_ins`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
 
 from mmi.foundation.errors import ParameterError
+from mmi.foundation.plug_ins import PlugIn, names_plug_in, plug_in
 from viewer.plan import Technique
 from viewer.scene.scene import WalkScene
 from viewer.techniques.geometry import CellGeometry, FullGeometry
 from viewer.techniques.layered import LayeredImpostors
 
-__all__ = ["LAYERED", "TECHNIQUES", "make_technique"]
+__all__ = ["MAIN", "REFERENCE", "TECHNIQUES", "TechniqueEntry", "find_technique", "make_technique"]
 
-LAYERED = ("single-mesh", "multi-mesh")
-TECHNIQUES = ("full", "visible", "local", *LAYERED)
+MAIN = "multi-mesh"
+"""The scene of the dataset that is compared, and the technique that draws it."""
+REFERENCE = "full"
+"""What the others are compared with."""
+
+_Make = Callable[[WalkScene, float], Technique]
 
 
-def make_technique(name: str, scenes: Mapping[str, WalkScene], *, fade: float = 0.0) -> Technique:
+@dataclass(frozen=True, slots=True)
+class TechniqueEntry:
+    """A technique by its ``name``.
+
+    ``make`` takes the scene called ``scene`` and the seconds of a cross-fade at changes of cells, and returns a fresh
+    technique, which knows of no viewer yet. ``layered``: it draws layers of cells, which are loaded, and pop where cells
+    change. ``origin`` is the plug-in that a technique comes from, None for the package's own.
+    """
+
+    name: str
+    make: _Make
+    scene: str = MAIN
+    layered: bool = False
+    origin: PlugIn | None = None
+
+
+TECHNIQUES: Mapping[str, TechniqueEntry] = MappingProxyType(
+    {
+        entry.name: entry
+        for entry in (
+            TechniqueEntry("full", lambda scene, _: FullGeometry(scene)),
+            TechniqueEntry("visible", lambda scene, _: CellGeometry(scene, "visible")),
+            TechniqueEntry("local", lambda scene, _: CellGeometry(scene, "local")),
+            TechniqueEntry("single-mesh", lambda scene, fade: LayeredImpostors(scene, fade=fade), "single-mesh", True),
+            TechniqueEntry("multi-mesh", lambda scene, fade: LayeredImpostors(scene, fade=fade), layered=True),
+        )
+    }
+)
+"""The package's own techniques, by name."""
+
+
+def find_technique(of: str | Callable[..., Any] | PlugIn | TechniqueEntry) -> TechniqueEntry:
+    """The entry of a technique: one of :data:`TECHNIQUES` by its name, or one of somebody's own.
+
+    The latter is a function of the scene, itself or as ``package.module:function``, or a plug-in, which has a name and a
+    version of its own. It counts as layered, since it may draw whatever it likes. Raises ParameterError for an unknown name, a
+    plug-in that has the name of one of the package's techniques, and what :func:`mmi.foundation.plug_ins.plug_in` refuses.
+    """
+    if isinstance(of, TechniqueEntry):
+        return of
+    if isinstance(of, str) and not names_plug_in(of):
+        if of not in TECHNIQUES:
+            raise ParameterError(
+                f"technique {of!r}: one of {', '.join(TECHNIQUES)} expected, or package.module:function for one of your own"
+            )
+        return TECHNIQUES[of]
+    origin = plug_in(of)
+    if origin.name in TECHNIQUES:
+        raise ParameterError(
+            f"technique {origin.target}: a name that no other technique has expected, found {origin.name!r}"
+        )
+
+    def make(scene: WalkScene, _: float) -> Technique:
+        made = origin.function(scene)
+        if not callable(getattr(made, "plan", None)):
+            raise ParameterError(
+                f"technique {origin.target}: a technique, which has a method plan, expected from it, "
+                f"found a value of type {type(made).__name__}"
+            )
+        return made  # type: ignore[no-any-return]
+
+    return TechniqueEntry(origin.name, make, layered=True, origin=origin)
+
+
+def make_technique(
+    of: str | Callable[..., Any] | PlugIn | TechniqueEntry, scenes: Mapping[str, WalkScene], *, fade: float = 0.0
+) -> Technique:
     """A fresh technique, which knows of no viewer yet. ``scenes``: ``multi-mesh``, and ``single-mesh`` where that is asked for.
 
-    Raises ParameterError for an unknown name.
+    Raises ParameterError for what :func:`find_technique` refuses.
     """
-    main = scenes["multi-mesh"]
-    match name:
-        case "full":
-            return FullGeometry(main)
-        case "visible" | "local":
-            return CellGeometry(main, name)
-        case "single-mesh" | "multi-mesh":
-            return LayeredImpostors(scenes[name], fade=fade)
-    raise ParameterError(f"technique {name!r}: one of {', '.join(TECHNIQUES)} expected")
+    entry = find_technique(of)
+    return entry.make(scenes[entry.scene], fade)

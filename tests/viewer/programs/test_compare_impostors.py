@@ -10,7 +10,8 @@ import sys
 import pytest
 
 from mmi.dataset.reading import open_dataset
-from viewer.programs.compare_impostors import compare_impostors
+from viewer.programs.compare_impostors import _TECHNIQUES, compare_impostors
+from viewer.techniques.catalogue import TECHNIQUES
 from viewer.walks.walk import Keyframe, Pose, Walk, write_walk
 
 QUICK = ["--techniques", "local,multi-mesh", "--no-flip", "--worst", "1"]
@@ -39,6 +40,28 @@ def test_json_is_all_there_is_on_standard_output(capsys, dataset, tmp_path):
     assert json.loads(out) == json.loads((tmp_path / "report.json").read_text())
 
 
+def test_a_technique_of_ones_own_is_named_by_its_module_and_function(capsys, dataset, tmp_path, monkeypatch):
+    """It lies in the current folder, which installed programs do not import from by themselves."""
+    (tmp_path / "my_techniques.py").write_text(
+        "from viewer.techniques.geometry import CellGeometry\n\ndef nearby(scene):\n    return CellGeometry(scene, 'local')\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [one for one in sys.path if one not in ("", str(tmp_path))])
+    own = ["--techniques", "local,my_techniques:nearby", "--no-flip", "--json"]
+    status, out, _ = run(capsys, dataset.path, "-o", "r", "--views", 6, *own)
+    assert status == 0
+    report = json.loads(out)
+    mine = report["techniques"]["my_techniques:nearby"]
+    assert mine["wrong_share"] == report["techniques"]["local"]["wrong_share"] > 0.0
+    assert mine["origin"]["function"] == "my_techniques:nearby"
+    assert re.fullmatch("[0-9a-f]{12}", mine["origin"]["version"])
+    assert (tmp_path / "r" / "worst" / "my_techniques-nearby-01.png").exists()
+
+
+def test_the_techniques_of_the_help_are_those_of_the_package():
+    assert _TECHNIQUES.split(",") == list(TECHNIQUES)
+
+
 def test_a_tour_is_saved_and_walked_again(capsys, dataset, tmp_path):
     walk = tmp_path / "walk.json"
     walks = ["--fps", 2, "--scored", 2, "--json", *QUICK]
@@ -63,6 +86,8 @@ def test_a_tour_is_saved_and_walked_again(capsys, dataset, tmp_path):
         (["--views", "1", "--tour"], "--tour"),
         (["--techniques", "full,magic"], "--techniques.*magic"),
         (["--techniques", ","], "--techniques"),
+        (["--techniques", "full,nowhere:technique"], "--techniques.*nowhere:technique.*ModuleNotFoundError"),
+        (["--techniques", "json:nothing"], "--techniques.*json:nothing.*found none"),
         (["--video"], "--video.*walk"),
         (["--save-path", "x.json"], "--save-path"),
         (["--tour", "-5"], "tour of more than 0 m"),

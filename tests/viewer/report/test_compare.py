@@ -10,6 +10,8 @@ from PIL import Image
 
 import viewer
 from mmi.foundation.errors import DatasetError, ParameterError
+from viewer.drawing.opengl import is_software
+from viewer.measuring.summary import ERRORS
 from viewer.report.compare import CompareOptions, compare_views, compare_walk
 from viewer.techniques.catalogue import TECHNIQUES
 from viewer.walks.walk import Keyframe, Pose, Walk
@@ -46,13 +48,55 @@ def test_the_report_is_written_and_keeps_its_schema(views, walked):
 
 def test_geometry_has_no_errors_and_local_geometry_lacks_what_is_far(views):
     techniques = views[1]["techniques"]
-    for name in ("full", "visible"):
-        assert techniques[name]["wrong_share"] == techniques[name]["flip"]["mean"] == 0.0
-        assert techniques[name]["psnr_db"] is None
+    assert techniques["visible"]["wrong_share"] == techniques["visible"]["flip"]["mean"] == 0.0
+    assert techniques["visible"]["psnr_db"] is None
     assert techniques["local"]["hole_share"] > 10 * techniques["multi-mesh"]["hole_share"]
     assert techniques["local"]["displacement_px"]["max"] == 0.0
     assert techniques["multi-mesh"]["wrong_thickness_px"]["max"] < 12.0
     assert techniques["multi-mesh"]["ssim"] > 0.98
+
+
+def test_the_reference_is_not_compared_with_itself(dataset, tmp_path, monkeypatch, views, walked):
+    for _, report, *_ in (views, walked):
+        full = report["techniques"]["full"]
+        assert {full[key] for key in (*ERRORS, "pop", "loading")} == {None}
+        assert full["frame_ms"]["p50"] > 0.0
+        assert set(report["scored"]) == set(TECHNIQUES) - {"full"}
+    monkeypatch.setattr("viewer.measuring.judge.view_errors", None)  # nothing is compared
+    alone = CompareOptions(techniques=("full",), frames_per_second=2.0)
+    for report in (
+        compare_views(dataset.path, tmp_path, views=1, options=alone),
+        compare_walk(dataset.path, tmp_path, WALK, options=alone),
+    ):
+        jsonschema.validate(report, SCHEMA)
+        assert report["scored"] == {}
+        assert "what the others are compared with" not in (tmp_path / "report.html").read_text()
+
+
+def test_times_of_the_gpu_are_left_out_where_there_is_none(views, walked):
+    for out, report, *_ in (views, walked):
+        for one in report["techniques"].values():
+            assert (one["gpu_ms"] is None) == is_software(report["device"])
+        assert ("GPU, ms" in (out / "report.html").read_text()) == (not is_software(report["device"]))
+
+
+def test_what_was_built_without_a_bound_promises_nothing(tmp_path):
+    from cities import crossroads
+
+    from mmi.building.dataset import build_dataset
+    from mmi.planning.parameters import BuildParameters
+
+    parameters = BuildParameters(weights="critical-zone", max_error_px=5.0)
+    build_dataset(crossroads(), tmp_path / "unbounded", parameters, cells=["0000-00"])
+    options = CompareOptions(techniques=("multi-mesh",), flip=False, keep=0)
+    report = compare_views(tmp_path / "unbounded", tmp_path / "out", views=1, options=options)
+    assert report["dataset"]["promised_px"] is None
+    assert report["dataset"]["max_error_px"] == 5.0
+    assert "promises nothing" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_what_was_built_with_a_bound_promises_two_pixels_more(views):
+    assert views[1]["dataset"]["promised_px"] == views[1]["dataset"]["max_error_px"] + 2.0
 
 
 def test_the_same_views_score_the_same(views, dataset, tmp_path):
@@ -96,7 +140,9 @@ def test_a_walk_is_told_frame_by_frame(walked):
     assert report["videos"] == ["walk.webp"]
     with Image.open(out / "walk.webp") as film:
         assert film.n_frames == frames
-    assert {what for what, *_ in told} >= {"walks", "frames", "cells of single-mesh"}
+    assert {what for what, *_ in told} >= {"frames timed", "frames scored", "cells of single-mesh"}
+    timed = [done for what, done, _ in told if what == "frames timed"]
+    assert timed == [*range(5 * frames), 5 * frames]
 
 
 def test_what_loading_took_is_told(walked):

@@ -7,10 +7,12 @@ import pytest
 
 from mmi.foundation.camera import level_view
 from mmi.foundation.errors import DatasetError, ParameterError
+from mmi.foundation.plug_ins import plug_in
 from viewer.plan import Budget, CellKey, CellLayers, Ground, Objects, Plan, Sky
 from viewer.scene.follower import Follower
 from viewer.scene.scene import open_scene
-from viewer.techniques.catalogue import TECHNIQUES, make_technique
+from viewer.techniques.catalogue import MAIN, REFERENCE, TECHNIQUES, find_technique, make_technique
+from viewer.techniques.geometry import FullGeometry
 from viewer.techniques.layered import LayeredImpostors
 
 BUDGET = Budget()
@@ -145,3 +147,43 @@ def test_unknown_techniques_and_foreign_cities_are_refused(scenes, scene, tmp_pa
     build_dataset(two_blocks(), tmp_path / "other")
     with pytest.raises(DatasetError, match="another"):
         open_scene(open_dataset(tmp_path / "other"), name="single-mesh", like=scene)
+
+
+def everything_and_nothing(scene):
+    """A technique of one's own: it draws what ``full`` draws."""
+    return FullGeometry(scene)
+
+
+def no_technique(scene):  # noqa: ARG001
+    return "a picture"
+
+
+def test_the_table_has_names_that_are_keys_and_scenes_that_are_names():
+    assert [entry.name for entry in TECHNIQUES.values()] == list(TECHNIQUES)
+    assert {name for name, entry in TECHNIQUES.items() if entry.layered} == {"single-mesh", "multi-mesh"}
+    assert TECHNIQUES["single-mesh"].scene == "single-mesh"
+    assert {entry.scene for name, entry in TECHNIQUES.items() if name != "single-mesh"} == {MAIN}
+    assert not TECHNIQUES[REFERENCE].layered
+
+
+def test_a_technique_of_ones_own_is_a_function_of_the_scene(scenes, scene):
+    entries = [find_technique(one) for one in (everything_and_nothing, f"{__name__}:everything_and_nothing")]
+    assert entries[0].origin == entries[1].origin
+    assert entries[0].name == f"{__name__}:everything_and_nothing"
+    named = find_technique(plug_in(everything_and_nothing, name="mine", version="3"))
+    assert (named.name, named.origin.version) == ("mine", "3")
+    view = look(scene, 20.0)
+    for entry in (*entries, named):
+        plan = make_technique(entry, scenes).plan(view, now=0.0, budget=BUDGET)
+        assert plan.same_as(make_technique("full", scenes).plan(view, now=0.0, budget=BUDGET))
+
+
+def test_what_is_no_technique_of_ones_own_is_refused(scenes):
+    with pytest.raises(ParameterError, match="found a lambda"):
+        find_technique(lambda scene: FullGeometry(scene))
+    with pytest.raises(ParameterError, match="which has a method plan, expected from it, found a value of type str"):
+        make_technique(no_technique, scenes)
+    with pytest.raises(ParameterError, match="no other technique has expected, found 'full'"):
+        find_technique(plug_in(everything_and_nothing, name="full"))
+    with pytest.raises(ParameterError, match="nowhere that can be imported"):
+        find_technique("nowhere:technique")

@@ -1,0 +1,66 @@
+"""What a comparison is told: techniques, walks, what is measured and kept, checked once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from mmi.foundation.errors import ParameterError
+from mmi.foundation.plug_ins import PlugIn
+from viewer.techniques.catalogue import TECHNIQUES, TechniqueEntry, find_technique
+
+__all__ = ["CompareOptions", "Progress"]
+
+Progress = Callable[[str, int, int], None]
+"""Called with what is being done, how much of it is done, and how much there is."""
+
+_SAMPLES = (0, 2, 4, 8, 16)
+
+
+@dataclass(frozen=True, slots=True)
+class CompareOptions:
+    """How to compare; raises ParameterError for what has no meaning.
+
+    ``techniques`` are names of the package's techniques, or functions of one's own: themselves, ``package.module:function`` or
+    plug-ins (:func:`viewer.techniques.catalogue.find_technique`); ``entries`` is what they come to.
+    ``fade`` seconds of cross-fade at changes of cells; ``samples`` of multisampling in timed frames and videos; ``cache``
+    bytes for cells in memory; ``scored`` views spread over a walk; ``keep`` worst views a technique as pictures; without
+    ``flip`` that measure, by far the slowest, is left out; ``video`` is the suffix of a film of the walk.
+    """
+
+    techniques: tuple[str | Callable[..., Any] | PlugIn, ...] = tuple(TECHNIQUES)
+    frames_per_second: float = 30.0
+    fade: float = 0.0
+    samples: int = 0
+    cache: int = 512 << 20
+    scored: int = 60
+    keep: int = 6
+    flip: bool = True
+    video: str | None = None
+    workers: int = 1
+    entries: tuple[TechniqueEntry, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        try:
+            entries = tuple(find_technique(one) for one in self.techniques)
+        except ParameterError as error:
+            raise ParameterError(f"techniques: {error}") from error
+        names = [entry.name for entry in entries]
+        if not names or len(set(names)) < len(names):
+            raise ParameterError(f"techniques: one or more expected, each once, found {', '.join(names)!r}")
+        object.__setattr__(self, "entries", entries)
+        for name, least, most in (
+            ("frames_per_second", 1.0, 240.0),
+            ("fade", 0.0, 10.0),
+            ("cache", 1_000_000, 1 << 40),
+            ("scored", 1, 100_000),
+            ("keep", 0, 100),
+            ("workers", 1, 1024),
+        ):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and least <= value <= most):
+                raise ParameterError(f"{name}: a number from {least:g} to {most:g} expected, found {value!r}")
+        if self.samples not in _SAMPLES:
+            raise ParameterError(f"samples: one of {', '.join(map(str, _SAMPLES))} expected, found {self.samples!r}")

@@ -1,0 +1,151 @@
+"""A walk walked again, all techniques side by side: what is wrong in some of its views, pops at changes of cells, and films."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viewer.cells.scene_cache import cell_cache
+from viewer.drawing.drawn_picture import DrawnPicture
+from viewer.drawing.renderer import Renderer
+from viewer.measuring.judge import Judge, Scored
+from viewer.measuring.view_errors import pop
+from viewer.plan import Budget
+from viewer.report.entries import by_technique, worst_views
+from viewer.report.options import CompareOptions, Progress
+from viewer.report.pictures import side_by_side
+from viewer.report.video import VideoWriter
+from viewer.runtime.loop import FrameTimes
+from viewer.scene.scene import WalkScene
+from viewer.techniques.catalogue import REFERENCE, make_technique
+from viewer.walks.walk import Step
+
+__all__ = ["WalkScores", "score_walk", "spread"]
+
+_MOST_POPS = 24
+"""Changes of cells whose pop is measured, spread over the walk."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WalkScores:
+    """``scores`` of views and ``pops`` by technique; ``worst`` views and names of ``videos`` as the report has them."""
+
+    scores: Mapping[str, Sequence[Scored]]
+    pops: Mapping[str, Sequence[float]]
+    worst: list[dict[str, Any]]
+    videos: list[str]
+
+
+def score_walk(
+    main: WalkScene,
+    scenes: Mapping[str, WalkScene],
+    steps: Sequence[Step],
+    runs: Mapping[str, Sequence[FrameTimes]],
+    out: Path,
+    options: CompareOptions,
+    tell: Progress,
+) -> WalkScores:
+    """Walk again, and compare views spread over the walk; ``runs`` says where techniques came into other cells."""
+    chosen = set(spread(len(steps), options.scored))
+    compared = [entry.name for entry in options.entries if entry.name != REFERENCE]
+    entered = {
+        entry.name: _some([i for i, frame in enumerate(runs[entry.name]) if frame.entered], _MOST_POPS)
+        for entry in options.entries
+        if entry.layered
+    }
+    # A fade is over some frames after the cell was entered.
+    after = 1 + math.ceil(options.fade * options.frames_per_second)
+    popping = {name: {i for entry in some for i in range(entry, entry + after)} for name, some in entered.items()}
+    around = {i + step for some in popping.values() for i in some for step in (-1, 0)} if options.flip else set()
+    largest: dict[tuple[str, int], float] = {}
+    walkers = {entry.name: make_technique(entry, scenes, fade=options.fade) for entry in options.entries}
+    walkers[REFERENCE] = make_technique(REFERENCE, scenes)
+    names = [REFERENCE, *compared]
+    film = _Film(out, names, options)
+    budget = Budget(1.0 / options.frames_per_second)
+    size = (main.camera.width, main.camera.height)
+    with (
+        Renderer(main.mesh, main.ground, size=size, measured=True, samples=options.samples) as renderer,
+        cell_cache(scenes, renderer, measured=True, capacity=options.cache) as cache,
+        Judge(main, renderer, cache, keep=options.keep, flip=options.flip, workers=options.workers) as judge,
+        film as add,
+    ):
+        before: dict[str, DrawnPicture] = {}
+        for step in steps:
+            tell("frames scored", step.index, len(steps))
+            view = step.pose.view(main.camera)
+            plans = {name: walkers[name].plan(view, now=step.time, budget=budget) for name in names}
+            if step.index in chosen and compared:
+                cell = main.whereabouts.cell_at(np.array(step.pose.eye), current=None)
+                place = next((plan.place for plan in plans.values() if plan.place), cell)
+                truth = judge.truth(plans[REFERENCE], step.pose, place)
+                for name in compared:
+                    judge.score(name, plans[name], step.pose, truth, cell=place, time=step.time)
+            if step.index not in around and not film.wanted:
+                continue
+            shown = {}
+            for name, plan in plans.items():
+                if film.wanted or name in (REFERENCE, *entered):
+                    cache.want(plan.cells)
+                    cache.require(plan.cells)
+                    shown[name] = renderer.draw(plan, view)
+            for name, some in popping.items():
+                if step.index in some and options.flip and not step.cut:
+                    entry = max(i for i in entered[name] if i <= step.index)
+                    found = pop(before[name], shown[name], before[REFERENCE], shown[REFERENCE])
+                    largest[name, entry] = max(found, largest.get((name, entry), -1.0))
+            add([shown[name].color for name in names] if film.wanted else [])
+            before = shown
+        tell("frames scored", len(steps), len(steps))
+        scores = by_technique(judge.results())
+        worst = worst_views(judge, compared, out)
+    pops = {one.name: [value for (name, _), value in largest.items() if name == one.name] for one in options.entries}
+    return WalkScores(scores, pops, worst, film.files)
+
+
+class _Film:
+    """The film of a walk, where one is wanted: all techniques side by side. A context manager that yields what takes frames."""
+
+    def __init__(self, out: Path, names: Sequence[str], options: CompareOptions) -> None:
+        self.wanted = options.video is not None
+        self.files: list[str] = []
+        self._names = list(names)
+        self._path = out / f"walk.{options.video}"
+        self._rate = options.frames_per_second
+        self._writer: VideoWriter | None = None
+
+    def __enter__(self) -> Callable[[Sequence[NDArray[np.uint8]]], None]:
+        return self._add
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._writer is not None:
+            self._writer.__exit__(kind, value, trace)
+            if kind is None:
+                self.files.append(self._path.name)
+
+    def _add(self, panels: Sequence[NDArray[np.uint8]]) -> None:
+        if not self.wanted:
+            return
+        frame = side_by_side(panels, self._names)
+        if self._writer is None:
+            self._writer = VideoWriter(self._path, (frame.shape[1], frame.shape[0]), self._rate)
+            self._writer.__enter__()
+        self._writer.add(frame)
+
+
+def spread(n: int, wanted: int) -> list[int]:
+    """At most ``wanted`` of the numbers below ``n``, evenly spread."""
+    return sorted(set(np.linspace(0, n - 1, min(n, wanted)).round().astype(int).tolist()))
+
+
+def _some(values: Sequence[int], wanted: int) -> set[int]:
+    return {values[i] for i in spread(len(values), wanted)} if values else set()
