@@ -48,6 +48,7 @@ def report_of(
     """The part of a report that views and walks have in common; ``views`` is how many were scored of each technique."""
     camera = scene.camera
     manifest = scene.dataset.manifest
+    promised = [cell.promised_error_px for cell in manifest.cells if cell.promised_error_px is not None]
     rate = {name: 1.0 / max(one["frame_ms"]["p50"], 1e-9) for name, one in techniques.items()}
     return {
         "format_version": 2,
@@ -56,7 +57,8 @@ def report_of(
             "name": scene.dataset.path.resolve().name,
             "source": manifest.city.source,
             "max_error_px": scene.parameters.max_error_px,
-            "promised_px": scene.parameters.max_error_px + _RASTERS if scene.parameters.bounded else None,
+            "promised_px": max(promised) + _RASTERS if promised else None,
+            "promising_cells": len(promised),
             "cells": len(manifest.cells),
         },
         "device": device,

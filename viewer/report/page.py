@@ -133,12 +133,18 @@ def _promise(report: Mapping[str, Any]) -> str:
     built, promise = report["dataset"]["max_error_px"], report["dataset"]["promised_px"]
     if promise is None:
         return (
-            f"<b>multi-mesh</b> was built for an error of {plain(built)} px with weights or a layering that keep no bound: it "
-            "promises nothing here, nor do other techniques."
+            f"<b>multi-mesh</b> was built for an error of {plain(built)} px, but none of the cells promises to keep to it: "
+            "manifest.json says of each cell why. Other techniques promise nothing either."
         )
+    promising, cells = report["dataset"]["promising_cells"], report["dataset"]["cells"]
+    where = (
+        ""
+        if promising == cells
+        else f" in {promising:,} of the {counted(cells, 'cell')}; it promises nothing in the others"
+    )
     return (
         f"<b>multi-mesh</b> was built for an error of {plain(built)} px and promises that no wrong region is thicker than "
-        f"<b>{plain(promise)}&nbsp;px</b> ({plain(promise - built)} px for the rasters of geometry and textures); other "
+        f"<b>{plain(promise)}&nbsp;px</b> ({plain(promise - built)} px for the rasters of geometry and textures){where}. Other "
         'techniques promise nothing. Larger values are <span class="over">▲ marked</span>.'
     )
 

@@ -92,11 +92,13 @@ def test_what_was_built_without_a_bound_promises_nothing(tmp_path):
     report = compare_views(tmp_path / "unbounded", tmp_path / "out", views=1, options=options)
     assert report["dataset"]["promised_px"] is None
     assert report["dataset"]["max_error_px"] == 5.0
-    assert "promises nothing" in (tmp_path / "out" / "report.html").read_text()
+    assert report["dataset"]["promising_cells"] == 0
+    assert "none of the cells promises" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_what_was_built_with_a_bound_promises_two_pixels_more(views):
     assert views[1]["dataset"]["promised_px"] == views[1]["dataset"]["max_error_px"] + 2.0
+    assert 0 < views[1]["dataset"]["promising_cells"] <= views[1]["dataset"]["cells"]
 
 
 def test_the_same_views_score_the_same(views, dataset, tmp_path):
