@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 
 import pytest
 
@@ -73,24 +74,20 @@ def test_a_picture_that_is_not_finished_leaves_the_older_one(tmp_path):
     assert names(tmp_path) == ["map.png"]
 
 
-def test_a_full_disk_leaves_no_half_picture(tmp_path, monkeypatch):
+def test_a_full_disk_leaves_no_half_picture(tmp_path):
+    """A limit on file sizes stands in for the disk."""
     path = tmp_path / "map.png"
     save(new_figure(1.0, 1.0), path)
     before = path.read_bytes()
-    figure = new_figure(1.0, 1.0)
-
-    def savefig(target, **_options):
-        """Half a file and an error, wherever matplotlib is told to write."""
-        if hasattr(target, "write"):
-            target.write(before[:9])
-        else:
-            target.write_bytes(before[:9])
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(figure, "savefig", savefig)
-    with pytest.raises(DatasetError, match=r"map\.png: a writable file expected, found: No space left on device"):
-        save(figure, path)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) // 2, limits[1]))
+    try:
+        with pytest.raises(DatasetError, match=r"map\.png: a writable file expected, found: File too large"):
+            save(new_figure(2.0, 2.0), path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert path.read_bytes() == before
+    assert names(tmp_path) == ["map.png"]
 
 
 def test_errors_are_of_the_kind_that_was_asked_for(tmp_path):

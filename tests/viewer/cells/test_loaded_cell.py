@@ -43,8 +43,8 @@ def test_a_loaded_cell_is_what_was_captured(scene, dataset):
 @pytest.mark.parametrize("measured", [False, True])
 def test_bytes_are_those_of_the_arrays_and_foretold_from_the_manifest(scene, dataset, measured):
     """On the GPU the atlas has all texels of the arrays, and those between pictures."""
-    for entry in dataset.manifest["cells"]:
-        loaded = load_cell(scene, entry["id"], measured=measured)
+    for entry in dataset.manifest.cells:
+        loaded = load_cell(scene, entry.id, measured=measured)
         assert loaded.layers
         pictures = [
             [one for one in (layer.pixels, layer.depth, layer.object_ids) if one is not None] for layer in loaded.layers
@@ -55,7 +55,7 @@ def test_bytes_are_those_of_the_arrays_and_foretold_from_the_manifest(scene, dat
         meshes = sum(layer.vertices.nbytes + layer.triangles.nbytes for layer in loaded.layers)
         assert loaded.bytes == loaded.size[0] * loaded.size[1] * texel.pop() + meshes
         assert held + meshes <= loaded.bytes
-        foretold = foretold_bytes(dataset, entry["id"], measured=measured)
+        foretold = foretold_bytes(dataset, entry.id, measured=measured)
         assert loaded.bytes <= foretold <= 1.1 * loaded.bytes
 
 
