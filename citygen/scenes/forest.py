@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from citygen.scenes.paths import footways
 from citygen.shapes.solids import Piece, object_of, tube
-from mmi.appearance.facade_styles import noise, plain
+from mmi.appearance.facade_styles import noise, one_color
 from mmi.city.model import City, CityObject, Texture
 
 __all__ = ["TREES", "forest"]
@@ -58,12 +58,12 @@ def forest(seed: int) -> City:
 def _textures(rng: np.random.Generator) -> tuple[Texture, ...]:
     """Brown bark, white bark with dark scars, and a tuft of leaves; (256, 128), (256, 128) and (128, 128)."""
     ridges = 0.16 * noise(rng, 256, 3, width=128) + 0.12 * np.sin(np.arange(128) * 2 * np.pi / 16)[None, :]
-    brown = plain((112.0, 92.0, 74.0), (1.0 + ridges).astype(np.float32))
-    white = plain((222.0, 218.0, 208.0), 1.0 + 0.04 * noise(rng, 256, 3, width=128))
+    brown = one_color((112.0, 92.0, 74.0), (1.0 + ridges).astype(np.float32))
+    white = one_color((222.0, 218.0, 208.0), 1.0 + 0.04 * noise(rng, 256, 3, width=128))
     for _ in range(40):
         y, x = int(rng.integers(250)), int(rng.integers(110))
         white[y : y + int(rng.integers(1, 5)), x : x + int(rng.integers(6, 18))] *= np.float32(0.35)
-    tuft = plain((226.0, 232.0, 214.0), (1.0 + 0.16 * noise(rng, 128, 5, width=128)).astype(np.float32))
+    tuft = one_color((226.0, 232.0, 214.0), (1.0 + 0.16 * noise(rng, 128, 5, width=128)).astype(np.float32))
     tuft *= (1.0 + 0.10 * noise(rng, 128, 1, width=128))[..., None]
     images = (np.clip(np.rint(image), 0, 255).astype(np.uint8) for image in (brown, white, tuft))
     return tuple(Texture(name, image) for name, image in zip(("bark", "birch", "leaves"), images, strict=True))

@@ -14,7 +14,7 @@ from shapely.geometry import box as rectangle
 
 from citygen.scenes.paths import footways
 from citygen.shapes.solids import Piece, box, hexahedra, hull_prism, join, lathe, object_of, placed, tube
-from mmi.appearance.facade_styles import FloatImage, noise, plain
+from mmi.appearance.facade_styles import FloatImage, noise, one_color
 from mmi.city.model import PLAIN, City, CityObject, Prism, Texture
 
 __all__ = ["living_room"]
@@ -53,17 +53,17 @@ def _textures(rng: np.random.Generator) -> tuple[Texture, ...]:
     """Wood, cloth, plaster, parquet, the spine of a book, a landscape, a leaf."""
     stretch = np.cumsum(noise(rng, 256, 9, width=256)[:1].repeat(256, axis=0), axis=1)
     grain = 0.05 * np.sin(0.35 * stretch + 0.02 * np.arange(256)[:, None]) + 0.03 * noise(rng, 256, 2, width=256)
-    wood = plain((236.0, 232.0, 226.0), (1.0 + grain).astype(np.float32))
+    wood = one_color((236.0, 232.0, 226.0), (1.0 + grain).astype(np.float32))
     y, x = np.mgrid[:128, :128]
     weave = 0.06 * np.where((x // 2 + y // 2) % 2 == 0, 1.0, -1.0) + 0.03 * noise(rng, 128, 3, width=128)
-    cloth = plain((238.0, 238.0, 238.0), (1.0 + weave).astype(np.float32))
-    plaster = plain((240.0, 236.0, 226.0), 1.0 + 0.012 * noise(rng, 256, 2, width=256))
-    parquet = plain((196.0, 152.0, 104.0), (1.0 + 0.6 * grain).astype(np.float32))
+    cloth = one_color((238.0, 238.0, 238.0), (1.0 + weave).astype(np.float32))
+    plaster = one_color((240.0, 236.0, 226.0), 1.0 + 0.012 * noise(rng, 256, 2, width=256))
+    parquet = one_color((196.0, 152.0, 104.0), (1.0 + 0.6 * grain).astype(np.float32))
     tone = rng.normal(1.0, 0.07, (8, 4)).repeat(32, axis=0).repeat(64, axis=1)
     parquet *= tone[..., None].astype(np.float32)
     parquet[::32] *= np.float32(0.7)
     parquet[:, ::64] *= np.float32(0.8)
-    spine = plain((230.0, 230.0, 230.0), 1.0 + 0.03 * noise(rng, 128, 3, width=32))
+    spine = one_color((230.0, 230.0, 230.0), 1.0 + 0.03 * noise(rng, 128, 3, width=32))
     for row, tall in ((16, 4), (24, 20), (52, 3), (104, 8)):
         spine[row : row + tall, 5:-5] = (250.0, 236.0, 180.0)
     sky = np.linspace(1.0, 0.0, 128)[:, None, None]
@@ -74,7 +74,7 @@ def _textures(rng: np.random.Generator) -> tuple[Texture, ...]:
     for level, color in ((70, (110, 130, 142)), (88, (92, 124, 92)), (106, (66, 96, 60))):
         hill = level + 9.0 * np.sin(np.arange(128) / 17.0 + level) + 4.0 * np.sin(np.arange(128) / 6.0)
         picture[np.arange(128)[:, None] > hill[None]] = color
-    leaf = plain((230.0, 236.0, 220.0), 1.0 + 0.08 * noise(rng, 64, 3, width=64))
+    leaf = one_color((230.0, 236.0, 220.0), 1.0 + 0.08 * noise(rng, 64, 3, width=64))
     leaf[:, 31:33] *= np.float32(1.1)
     images = [wood, cloth, plaster, parquet, spine, picture, leaf]
     names = ("wood", "cloth", "plaster", "parquet", "spine", "picture", "leaf")

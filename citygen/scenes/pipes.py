@@ -14,7 +14,7 @@ from shapely.geometry import box as rectangle
 
 from citygen.scenes.paths import footways
 from citygen.shapes.solids import Piece, join, lathe, painted, placed, tube
-from mmi.appearance.facade_styles import noise, plain
+from mmi.appearance.facade_styles import noise, one_color
 from mmi.city.model import PLAIN, City, CityObject, Prism, Texture, TriangleMesh
 
 __all__ = ["PIECES", "pipes"]
@@ -89,7 +89,7 @@ def _aisles() -> nx.MultiGraph:
 
 
 def _steel(rng: np.random.Generator) -> Texture:
-    image = plain(
+    image = one_color(
         (236.0, 236.0, 236.0), 1.0 + 0.03 * noise(rng, 128, 2, width=128) + 0.03 * noise(rng, 128, 15, width=128)
     )
     image[60:68] *= np.float32(0.9)

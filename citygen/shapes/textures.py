@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from mmi.appearance.facade_styles import CELL, STYLES, WIDTH, FloatImage, Style, noise, plain
+from mmi.appearance.facade_styles import CELL, STYLES, WIDTH, FloatImage, Style, noise, one_color
 from mmi.city.model import Texture
 
 __all__ = [
@@ -40,7 +40,7 @@ BAY = 3.2
 STOREY = 3.2
 """Height in metres of one storey of a facade; a picture of upper storeys has eight, of a ground floor one."""
 WALL_METRES = (25.6, 12.8)
-"""What a picture of plain wall stands for, metres (width, height)."""
+"""What a picture of wall without windows stands for, metres (width, height)."""
 ROOF_METRES = 6.4
 """What a picture of roof stands for, metres (both ways)."""
 
@@ -140,7 +140,7 @@ def _ashlar(rng: np.random.Generator, height: int) -> FloatImage:
     y = np.arange(height)[:, None]
     shift = 16 * (y // 16 % 2)
     tone = np.take_along_axis(tone, (np.arange(WIDTH)[None, :] + shift) % WIDTH, axis=1)
-    wall = plain((218.0, 204.0, 176.0), (tone + 0.015 * noise(rng, height, 2)).astype(np.float32))
+    wall = one_color((218.0, 204.0, 176.0), (tone + 0.015 * noise(rng, height, 2)).astype(np.float32))
     joint = (y % 16 == 15) | ((np.arange(WIDTH)[None, :] + shift) % 32 == 31)
     wall[joint] *= np.float32(0.84)
     return wall
@@ -160,7 +160,7 @@ def _laid(
     tone = np.take_along_axis(tone, x, axis=1)
     tone = tone * (0.80 + 0.28 * ((y % tall) / tall))  # the lower edge of each row lies on top and catches light
     tone = tone * np.where(y % tall == 0, 0.72, 1.0) * np.where(x % wide == 0, 0.82, 1.0)
-    return plain(color, (tone + 0.03 * noise(rng, 256, 9, width=256)).astype(np.float32))
+    return one_color(color, (tone + 0.03 * noise(rng, 256, 9, width=256)).astype(np.float32))
 
 
 def _tiles(rng: np.random.Generator) -> FloatImage:
@@ -175,7 +175,7 @@ def _slate(rng: np.random.Generator) -> FloatImage:
 
 
 def _zinc(rng: np.random.Generator) -> FloatImage:
-    image = plain((160.0, 170.0, 180.0), 1.0 + 0.03 * noise(rng, 256, 7, width=256))
+    image = one_color((160.0, 170.0, 180.0), 1.0 + 0.03 * noise(rng, 256, 7, width=256))
     image[:, ::32] *= np.float32(1.14)
     image[:, 1::32] *= np.float32(0.82)
     image[:, 2::32] *= np.float32(0.9)
@@ -185,11 +185,11 @@ def _zinc(rng: np.random.Generator) -> FloatImage:
 
 def _gravel(rng: np.random.Generator) -> FloatImage:
     grain = 0.09 * noise(rng, 256, 1, width=256) + 0.05 * noise(rng, 256, 3, width=256)
-    return plain((168.0, 163.0, 154.0), 1.0 + grain + 0.03 * noise(rng, 256, 33, width=256))
+    return one_color((168.0, 163.0, 154.0), 1.0 + grain + 0.03 * noise(rng, 256, 33, width=256))
 
 
 def _membrane(rng: np.random.Generator) -> FloatImage:
-    image = plain((150.0, 150.0, 148.0), 1.0 + 0.015 * noise(rng, 256, 5, width=256))
+    image = one_color((150.0, 150.0, 148.0), 1.0 + 0.015 * noise(rng, 256, 5, width=256))
     image *= (1.0 + 0.015 * noise(rng, 256, 41, width=256))[..., None]
     image[::64] *= np.float32(0.82)
     return image
@@ -278,7 +278,7 @@ def _doors(rng: np.random.Generator) -> FloatImage:
 
 
 def _shutter(rng: np.random.Generator) -> FloatImage:
-    image = plain((206.0, 208.0, 202.0), 1.0 + 0.02 * noise(rng, 128, 5, width=64))
+    image = one_color((206.0, 208.0, 202.0), 1.0 + 0.02 * noise(rng, 128, 5, width=64))
     for row in range(8, 120, 6):
         image[row : row + 2, 6:-6] *= np.float32(0.66)
         image[row + 2 : row + 4, 6:-6] *= np.float32(0.88)
@@ -288,7 +288,7 @@ def _shutter(rng: np.random.Generator) -> FloatImage:
 
 
 def _trim(rng: np.random.Generator) -> FloatImage:
-    return plain(
+    return one_color(
         (222.0, 214.0, 198.0), 1.0 + 0.03 * noise(rng, 128, 3, width=128) + 0.02 * noise(rng, 128, 21, width=128)
     )
 

@@ -12,17 +12,20 @@ of prisms are vertical, roofs flat, positions float32 of the city's local frame.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from mmi.appearance import facades
-from mmi.appearance.model_surfaces import Part, mesh_part, repeats_of, strip_uv
+from mmi.appearance.model_surfaces import Surfaces, repeats_of, strip_uv, surfaces_of_models
 from mmi.appearance.shading import Looks, contact, light, looks_of
 from mmi.appearance.texture_atlas import pack_atlas
 from mmi.city.model import PAINTED, City
+from mmi.city.outlines import outlines_of
 from mmi.city.triangulate import triangulate
 
 __all__ = ["CityMesh", "build_city_mesh", "mesh_of", "triangles_of"]
@@ -75,23 +78,43 @@ def build_city_mesh(city: City) -> CityMesh:
     An object with a ``mesh`` of its own is drawn as that.
     """
     looks = looks_of(city.objects)
-    prisms = [(i, prism) for i, one in enumerate(city.objects) if one.mesh is None for prism in one.prisms]
-    owners = np.array([i for i, _ in prisms], dtype=np.int64)
-    polygons = np.array([prism.footprint for _, prism in prisms], dtype=object)
-    heights = np.array([(prism.bottom, prism.top) for _, prism in prisms]).reshape(-1, 2)
-    grounds = _grounds(city, polygons)
-    walls, roofs = (make(polygons, heights, owners, looks, grounds) for make in (_walls, _roofs))
+    prisms = _prisms_of(city)
+    walls, roofs = _walls(prisms, looks), _roofs(prisms, looks)
     modelled = [i for i, one in enumerate(city.objects) if one.mesh is not None]
     meshed = [city.objects[i] for i in modelled]
     if all((one.mesh.textures == PAINTED).all() for one in meshed if one.mesh is not None):
-        own = mesh_part(meshed, np.array(modelled, dtype=np.int64), looks, None)
-        return _assemble([walls, roofs, own], len(city.objects), facades.facade_texture())
-    painted = bool(prisms) or any((one.mesh.textures == PAINTED).any() for one in meshed if one.mesh is not None)
+        own = surfaces_of_models(meshed, np.array(modelled, dtype=np.int64), looks, None)
+        return _assemble([walls, roofs, *own], len(city.objects), facades.facade_texture())
+    painted = bool(len(prisms.owners)) or any(
+        (one.mesh.textures == PAINTED).any() for one in meshed if one.mesh is not None
+    )
     atlas = pack_atlas(city.textures, repeats_of(meshed, city.textures), painted=painted)
-    own = mesh_part(meshed, np.array(modelled, dtype=np.int64), looks, atlas)
-    for part in (walls, roofs):
-        part.uv[:] *= atlas.facade_scale
-    return _assemble([walls, roofs, own], len(city.objects), atlas.texture)
+    own = surfaces_of_models(meshed, np.array(modelled, dtype=np.int64), looks, atlas)
+    for one in (walls, roofs):
+        one.uv[:] *= atlas.facade_scale
+    return _assemble([walls, roofs, *own], len(city.objects), atlas.texture)
+
+
+class _Prisms(NamedTuple):
+    """The prisms of all objects without a mesh: ``polygons`` (k,), ``heights`` (k, 2) of bottom and top, ``grounds`` (k,) the
+    lowest ground at their corners, all in metres; ``owners`` (k,) are their objects.
+    """
+
+    polygons: NDArray[np.object_]
+    heights: NDArray[np.float64]
+    grounds: NDArray[np.float64]
+    owners: NDArray[np.int64]
+
+
+def _prisms_of(city: City) -> _Prisms:
+    prisms = [(i, prism) for i, one in enumerate(city.objects) if one.mesh is None for prism in one.prisms]
+    polygons = np.array([prism.footprint for _, prism in prisms], dtype=object)
+    return _Prisms(
+        polygons=polygons,
+        heights=np.array([(prism.bottom, prism.top) for _, prism in prisms]).reshape(-1, 2),
+        grounds=_grounds(city, polygons),
+        owners=np.array([i for i, _ in prisms], dtype=np.int64),
+    )
 
 
 def _grounds(city: City, polygons: NDArray[np.object_]) -> NDArray[np.float64]:
@@ -143,18 +166,13 @@ class _Walls:
     base: NDArray[np.float64]
 
 
-def _walls(
-    polygons: NDArray[np.object_],
-    heights: NDArray[np.float64],
-    owners: NDArray[np.int64],
-    looks: Looks,
-    grounds: NDArray[np.float64],
-) -> Part:
+def _walls(prisms: _Prisms, looks: Looks) -> Surfaces:
     """Upright quads along every edge of every footprint; where a prism has more storeys than the atlas, several."""
-    walls = _walls_along(polygons, heights, owners, looks)
+    walls = _walls_along(prisms, looks)
     prism = walls.prism
-    bottom, top = heights[prism].T
-    floating = bottom > grounds[prism] + _FLOATING
+    bottom, top = prisms.heights[prism].T
+    ground = prisms.grounds[prism]
+    floating = bottom > ground + _FLOATING
     storeys = np.maximum(1, np.rint((top - bottom) / facades.STOREY)).astype(np.int64)
     first_row = floating.astype(np.int64)  # above a door, only upper storeys
     room = facades.ROWS - 1
@@ -172,9 +190,9 @@ def _walls(
     low = np.where(from_storey == 0, bottom[wall], bottom[wall] + from_storey * rise)
     high = np.where(to_storey == storeys[wall], top[wall], bottom[wall] + to_storey * rise)
 
-    owner = owners[prism[wall]]
+    owner = prisms.owners[prism[wall]]
     style = looks.style[owner]
-    strip_top, strip_bottom = facades.plain_strip(style)
+    strip_top, strip_bottom = facades.blind_strip(style)
     v_low = [np.where(blind, strip_bottom, facades.storey_v(style, low_row)) for blind in walls.blind[wall].T]
     v_high = [np.where(blind, strip_top, facades.storey_v(style, high_row)) for blind in walls.blind[wall].T]
     ends, u, base = (walls.a[wall], walls.b[wall]), walls.u[wall], walls.base[wall]
@@ -183,35 +201,29 @@ def _walls(
         for z, v, k in ((low, v_low, 0), (low, v_low, 1), (high, v_high, 1), (high, v_high, 0))
     ]
     quads = np.arange(len(wall))[:, None, None]
-    return Part(
+    return Surfaces(
         positions=_interleave([np.column_stack([xy, z]) for xy, z, *_ in corners]),
         uv=_interleave([np.column_stack([u, v]) for _, _, u, v, _ in corners]),
-        colors=_interleave([tint * contact(z - grounds[prism][wall])[:, None] for _, z, _, _, tint in corners]),
+        colors=_interleave([tint * contact(z - ground[wall])[:, None] for _, z, _, _, tint in corners]),
         triangles=(4 * quads + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3),
         owners=np.repeat(owner, 4),
     )
 
 
-def _walls_along(
-    polygons: NDArray[np.object_], heights: NDArray[np.float64], owners: NDArray[np.int64], looks: Looks
-) -> _Walls:
+def _walls_along(prisms: _Prisms, looks: Looks) -> _Walls:
     """The walls of all prisms. Whole bays fit between the ends of each that has windows.
 
     What stands along a cut (:mod:`mmi.city.long_objects`) is at both ends painted like the facade that ends there. Nobody
     sees it, but for a pixel at its rims where one part is geometry and its neighbour a texture: that is to look like the
     facade.
     """
-    rings, prism_of_ring = shapely.get_rings(polygons, return_index=True)
-    points, ring = shapely.get_coordinates(rings, return_index=True)
-    last = np.flatnonzero(np.append(ring[1:] != ring[:-1], True)) if len(ring) else np.empty(0, dtype=np.int64)
-    keep = np.ones(len(points), dtype=bool)
-    keep[last] = False  # no edge leads from one ring to the next
-    start = np.flatnonzero(keep)
-    length = np.hypot(*(points[start + 1] - points[start]).T)
-    start, length = start[length > 0.0], length[length > 0.0]
-    a, b, ring = points[start], points[start + 1], ring[start]
-    prism = prism_of_ring[ring]
-    owner = owners[prism]
+    outlines = outlines_of(prisms.polygons)
+    a, b = outlines.edges
+    length = np.hypot(*(b - a).T)
+    long = length > 0.0
+    a, b, length, ring = a[long], b[long], length[long], outlines.edge_rings[long]
+    prism = outlines.polygon[ring]
+    owner = prisms.owners[prism]
 
     blind = (length < _BLIND) | (_touched(a, b, np.zeros_like(prism)) >= 0)
     bays = np.where(blind, length / facades.BAY, np.maximum(1, np.rint(length / facades.BAY)))
@@ -221,7 +233,7 @@ def _walls_along(
     normal = np.column_stack([b[:, 1] - a[:, 1], a[:, 0] - b[:, 0], np.zeros(len(a))]) / length[:, None]
     base = looks.tint[owner] * light(normal)
 
-    _, height = np.unique(heights @ [1.0, 1.0j], return_inverse=True)
+    _, height = np.unique(prisms.heights @ [1.0, 1.0j], return_inverse=True)
     across = _touched(a, b, height[prism] * len(looks.whole) + looks.whole[owner])
     is_cut = (across >= 0) & (owner != owner[across])
     before, after = _neighbours(is_cut, ring)
@@ -263,17 +275,12 @@ def _neighbours(passed: NDArray[np.bool_], ring: NDArray[np.int64]) -> tuple[NDA
     return rows[before], rows[behind]
 
 
-def _roofs(
-    polygons: NDArray[np.object_],
-    heights: NDArray[np.float64],
-    owners: NDArray[np.int64],
-    looks: Looks,
-    grounds: NDArray[np.float64],
-) -> Part:
+def _roofs(prisms: _Prisms, looks: Looks) -> Surfaces:
     """Roofs of all prisms, and after each the underside where the prism floats."""
-    points, triangles, of = triangulate(polygons)
-    each = np.arange(len(polygons) + 1)
-    caps = np.repeat(each[:-1], np.where(heights[:, 0] > grounds + _FLOATING, 2, 1))
+    points, triangles, of = triangulate(prisms.polygons)
+    bottom, top = prisms.heights.T
+    each = np.arange(len(prisms.polygons) + 1)
+    caps = np.repeat(each[:-1], np.where(bottom > prisms.grounds + _FLOATING, 2, 1))
     below = np.zeros(len(caps), dtype=bool)
     below[1:] = caps[1:] == caps[:-1]
     vertices, starts = _ranges(np.searchsorted(of, each), caps)
@@ -283,11 +290,11 @@ def _roofs(
     used = triangles[rows] + np.repeat(starts[:-1] - np.searchsorted(of, caps), np.diff(row_starts))[:, None]
     used[turned] = used[turned][:, ::-1]
     up, down = light(np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]))
-    owner = owners[caps]
+    owner = prisms.owners[caps]
     # Roofs take half of the tint: slate is not the colour of the wall below.
     colors = (0.5 + 0.5 * looks.tint[owner]) * np.where(below[:, None], 0.6 * down, up)
-    return Part(
-        positions=np.column_stack([points[vertices], np.where(below, heights[caps, 0], heights[caps, 1])[cap]]),
+    return Surfaces(
+        positions=np.column_stack([points[vertices], np.where(below, bottom[caps], top[caps])[cap]]),
         uv=strip_uv(points[vertices], cap, *(v[owner] for v in facades.roof_strip(looks.style))),
         colors=colors[cap],
         triangles=used,
@@ -310,22 +317,21 @@ def _ranges(offsets: NDArray[np.int64], chosen: NDArray[np.int64]) -> tuple[NDAr
     return np.arange(ends[-1]) + np.repeat(offsets[chosen] - ends[:-1], counts), ends
 
 
-def _assemble(parts: list[Part], objects: int, texture: NDArray[np.uint8]) -> CityMesh:
+def _assemble(surfaces: Sequence[Surfaces], objects: int, texture: NDArray[np.uint8]) -> CityMesh:
     """Group all vertices and triangles by object, keeping the order within one."""
-    counts = [len(part.positions) for part in parts]
-    shifts = np.cumsum([0, *counts[:-1]])
-    owners = np.concatenate([part.owners for part in parts]).astype(np.int64)
-    triangles = np.concatenate([part.triangles + shift for part, shift in zip(parts, shifts, strict=True)])
+    shifts = np.cumsum([0, *(len(one.positions) for one in surfaces[:-1])])
+    owners = np.concatenate([one.owners for one in surfaces]).astype(np.int64)
+    triangles = np.concatenate([one.triangles + shift for one, shift in zip(surfaces, shifts, strict=True)])
     triangle_owners = owners[triangles[:, 0]]
     order = np.argsort(owners, kind="stable")
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
     # Narrowed before they are joined: this is where a city takes most memory.
-    colors = [np.clip(np.rint(255.0 * part.colors), 0, 255).astype(np.uint8) for part in parts]
+    colors = [np.clip(np.rint(255.0 * one.colors), 0, 255).astype(np.uint8) for one in surfaces]
     bounds = np.arange(objects + 1)
     return CityMesh(
-        positions=np.concatenate([part.positions for part in parts], dtype=np.float32, casting="same_kind")[order],
-        uv=np.concatenate([part.uv for part in parts], dtype=np.float32, casting="same_kind")[order],
+        positions=np.concatenate([one.positions for one in surfaces], dtype=np.float32, casting="same_kind")[order],
+        uv=np.concatenate([one.uv for one in surfaces], dtype=np.float32, casting="same_kind")[order],
         colors=np.concatenate(colors)[order],
         triangles=place[triangles[np.argsort(triangle_owners, kind="stable")]].astype(np.int32),
         object_vertices=np.searchsorted(owners[order], bounds).astype(np.int64),

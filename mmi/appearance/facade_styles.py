@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-__all__ = ["CELL", "STYLES", "WIDTH", "FloatImage", "Style", "noise", "plain"]
+__all__ = ["CELL", "STYLES", "WIDTH", "FloatImage", "Style", "noise", "one_color"]
 
 CELL = 64
 """Texels of a bay's width and of a storey's height."""
@@ -51,7 +51,7 @@ def noise(rng: np.random.Generator, height: int, size: int, *, width: int = WIDT
     return grain.astype(np.float32)
 
 
-def plain(color: _Color, factor: NDArray[np.float32]) -> FloatImage:
+def one_color(color: _Color, factor: NDArray[np.float32]) -> FloatImage:
     """``color`` times ``factor`` (height, width): a surface before anything is painted on it."""
     return factor[..., None] * np.array(color, dtype=np.float32)
 
@@ -177,7 +177,7 @@ def _door(cell: FloatImage, rng: np.random.Generator, *, top: int, arched: bool)
 
 def _stucco_wall(rng: np.random.Generator, height: int) -> FloatImage:
     shade = 1.0 + 0.018 * noise(rng, height, 2) + 0.02 * noise(rng, height, 11)
-    wall = plain((232.0, 225.0, 211.0), shade)
+    wall = one_color((232.0, 225.0, 211.0), shade)
     wall[15::16] *= 0.96
     return wall
 
@@ -293,7 +293,7 @@ def _brick_ground(cell: FloatImage, rng: np.random.Generator, row: int, bay: int
 
 def _concrete_wall(rng: np.random.Generator, height: int) -> FloatImage:
     shade = 1.0 + 0.012 * noise(rng, height, 1) + 0.025 * noise(rng, height, 15)
-    wall = plain((216.0, 214.0, 208.0), shade)
+    wall = one_color((216.0, 214.0, 208.0), shade)
     wall[:, ::64] *= 0.8
     wall[:, 1::64] *= 1.03
     return wall
@@ -349,7 +349,7 @@ def _concrete_ground(cell: FloatImage, rng: np.random.Generator, row: int, bay: 
 
 
 def _glass_wall(rng: np.random.Generator, height: int) -> FloatImage:
-    return plain((150.0, 166.0, 180.0), 1.0 + 0.03 * noise(rng, height, 30))
+    return one_color((150.0, 166.0, 180.0), 1.0 + 0.03 * noise(rng, height, 30))
 
 
 def _glass_storey(cell: FloatImage, rng: np.random.Generator, row: int, bay: int) -> None:

@@ -1,8 +1,8 @@
 """The texture of buildings that have none: one generated atlas of walls, windows, doors, shops and roofs for a whole city.
 
 Everything here is painted with NumPy from a fixed seed: no fonts, no files, no OpenGL. The atlas repeats sideways (u) and
-never vertically (v); it stacks, from the top, one band of storeys per style and then one plain-wall strip and one roof
-strip per style, each with its edge rows repeated above and below so that mipmaps do not bleed. Row 0 of a band is the
+never vertically (v); it stacks, from the top, one band of storeys per style and then one strip of blind wall and one of roof
+per style, each with its edge rows repeated above and below so that mipmaps do not bleed. Row 0 of a band is the
 ground floor and lies at its lower edge. Every storey ends in a moulding, so that a wall may stop after any of them.
 Light is not painted, except the shadows that small reliefs throw: ``mmi.appearance.city_mesh`` multiplies by tint and shading.
 """
@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mmi.appearance.facade_styles import CELL, STYLES, WIDTH, FloatImage, Style, noise, plain
+from mmi.appearance.facade_styles import CELL, STYLES, WIDTH, FloatImage, Style, noise, one_color
 
 __all__ = [
     "BAY",
@@ -24,9 +24,9 @@ __all__ = [
     "STOREY",
     "STYLES",
     "TEXTURE_SIZE",
+    "blind_strip",
     "facade_texture",
     "ground_texture",
-    "plain_strip",
     "roof_strip",
     "storey_v",
 ]
@@ -45,8 +45,8 @@ TEXTURE_SIZE = (4096, WIDTH)
 _PAD = 16
 _STRIP = 80
 _BAND = ROWS * CELL + 2 * _PAD
-_PLAIN = len(STYLES) * _BAND
-_ROOF = _PLAIN + len(STYLES) * (_STRIP + 2 * _PAD)
+_BLIND = len(STYLES) * _BAND
+_ROOF = _BLIND + len(STYLES) * (_STRIP + 2 * _PAD)
 
 
 def storey_v(style: ArrayLike, row: ArrayLike) -> NDArray[np.float64]:
@@ -55,9 +55,9 @@ def storey_v(style: ArrayLike, row: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(texel / TEXTURE_SIZE[0], dtype=np.float64)
 
 
-def plain_strip(style: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def blind_strip(style: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """v of the upper and the lower edge of the strip for walls without windows, by index of style (any shape)."""
-    return _strip(_PLAIN, style)
+    return _strip(_BLIND, style)
 
 
 def roof_strip(style: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -70,8 +70,8 @@ def facade_texture() -> NDArray[np.uint8]:
     """The atlas, (4096, 512, 3) uint8 sRGB, read-only: a constant, painted at the first call."""
     atlas = np.empty((*TEXTURE_SIZE, 3), dtype=np.uint8)
     top = 0
-    for part in _parts(np.random.default_rng(1999)):  # one at a time: as floats, all would be 25 MB
-        top = _stack(atlas, top, part)
+    for picture in _pictures(np.random.default_rng(1999)):  # one at a time: as floats, all would be 25 MB
+        top = _stack(atlas, top, picture)
     atlas.setflags(write=False)
     return atlas
 
@@ -83,8 +83,8 @@ def ground_texture() -> NDArray[np.uint8]:
     return np.repeat(np.clip(np.rint(230.0 + grain), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
 
 
-def _parts(rng: np.random.Generator) -> Iterator[FloatImage]:
-    """All bands, then all plain strips, then all roof strips, without their padding."""
+def _pictures(rng: np.random.Generator) -> Iterator[FloatImage]:
+    """All bands, then all strips of blind walls, then all roof strips, without their padding."""
     for style in STYLES:
         yield _band(style, rng)
     # A glass front's blind walls are concrete.
@@ -106,15 +106,15 @@ def _band(style: Style, rng: np.random.Generator) -> FloatImage:
     return band
 
 
-def _stack(atlas: NDArray[np.uint8], top: int, part: FloatImage) -> int:
-    """Put ``part`` into the atlas from row ``top``, its edge rows repeated; the row where the next one starts.
+def _stack(atlas: NDArray[np.uint8], top: int, picture: FloatImage) -> int:
+    """Put ``picture`` into the atlas from row ``top``, its edge rows repeated; the row where the next one starts.
 
-    ``part`` is rounded in place.
+    ``picture`` is rounded in place.
     """
-    first, last = top + _PAD, top + _PAD + len(part)
-    np.rint(part, out=part)
-    np.clip(part, 0.0, 255.0, out=part)
-    atlas[first:last] = part
+    first, last = top + _PAD, top + _PAD + len(picture)
+    np.rint(picture, out=picture)
+    np.clip(picture, 0.0, 255.0, out=picture)
+    atlas[first:last] = picture
     atlas[top:first], atlas[last : last + _PAD] = atlas[first], atlas[last - 1]
     return last + _PAD
 
@@ -131,11 +131,11 @@ def _blind(wall: FloatImage, rng: np.random.Generator) -> FloatImage:
     """A wall without windows: the mean colour of ``wall`` with streaks of rain, for one stretch over the whole _STRIP."""
     streaks = 0.022 * noise(rng, 1, 3) + 0.015 * noise(rng, 1, 17) + 0.01 * noise(rng, _STRIP, 6)
     red, green, blue = wall.mean(axis=(0, 1), dtype=np.float64).tolist()
-    return plain((red, green, blue), 1.0 + streaks)
+    return one_color((red, green, blue), 1.0 + streaks)
 
 
 def _zinc_roof(rng: np.random.Generator) -> FloatImage:
-    roof = plain((158.0, 168.0, 178.0), 1.0 + 0.03 * noise(rng, _STRIP, 7))
+    roof = one_color((158.0, 168.0, 178.0), 1.0 + 0.03 * noise(rng, _STRIP, 7))
     roof[:, ::8] *= 1.12
     roof[:, 1::8] *= 0.84
     roof[::40] *= 0.9
@@ -143,17 +143,17 @@ def _zinc_roof(rng: np.random.Generator) -> FloatImage:
 
 
 def _tar_roof(rng: np.random.Generator) -> FloatImage:
-    roof = plain((118.0, 112.0, 106.0), 1.0 + 0.05 * noise(rng, _STRIP, 2) + 0.05 * noise(rng, _STRIP, 13))
+    roof = one_color((118.0, 112.0, 106.0), 1.0 + 0.05 * noise(rng, _STRIP, 2) + 0.05 * noise(rng, _STRIP, 13))
     roof[::10] *= 0.88
     return roof
 
 
 def _gravel_roof(rng: np.random.Generator) -> FloatImage:
-    return plain((172.0, 168.0, 160.0), 1.0 + 0.06 * noise(rng, _STRIP, 1) + 0.04 * noise(rng, _STRIP, 17))
+    return one_color((172.0, 168.0, 160.0), 1.0 + 0.06 * noise(rng, _STRIP, 1) + 0.04 * noise(rng, _STRIP, 17))
 
 
 def _membrane_roof(rng: np.random.Generator) -> FloatImage:
-    roof = plain((198.0, 200.0, 200.0), 1.0 + 0.025 * noise(rng, _STRIP, 9))
+    roof = one_color((198.0, 200.0, 200.0), 1.0 + 0.025 * noise(rng, _STRIP, 9))
     roof[::20] *= 0.9
     roof[:, ::64] *= 0.9
     return roof

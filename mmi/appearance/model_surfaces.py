@@ -1,4 +1,4 @@
-"""Meshes that came with objects, as parts of the city's mesh: covered with pictures, plain, or painted.
+"""Meshes that came with objects, as surfaces of the city's mesh: with pictures, of one colour, or painted.
 
 Each triangle is shaded by itself. Painted ones (``mmi.city.model.PAINTED``) get a wall with storeys where they are steep,
 in rows from the object's foot, and a roof elsewhere. Pictures are mostly photographs, which have their light already: they
@@ -18,7 +18,7 @@ from mmi.appearance.shading import Looks, contact, light
 from mmi.appearance.texture_atlas import Atlas, cut_at_repeats
 from mmi.city.model import PAINTED, CityObject, Texture
 
-__all__ = ["Part", "mesh_part", "repeats_of", "strip_uv"]
+__all__ = ["Surfaces", "repeats_of", "strip_uv", "surfaces_of_models"]
 
 _STEEP = 0.5  # of the normal's vertical part: what is less is a wall
 _NARROW = 1.2  # metres below which a wall has no room for a window
@@ -26,8 +26,10 @@ _ROOF_STRIP_METRES = 8.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
-    """Some vertices and triangles, with the object that each belongs to; colours still as factors, uv as float64."""
+class Surfaces:
+    """Vertices and triangles of some objects, with the object that each vertex belongs to, on their way into a city's mesh:
+    colours are still factors, and texture coordinates float64.
+    """
 
     positions: NDArray[np.float64]
     uv: NDArray[np.float64]
@@ -62,17 +64,19 @@ def repeats_of(objects: Sequence[CityObject], textures: Sequence[Texture]) -> ND
     return found
 
 
-def mesh_part(objects: Sequence[CityObject], owners: NDArray[np.int64], looks: Looks, atlas: Atlas | None) -> Part:
+def surfaces_of_models(
+    objects: Sequence[CityObject], owners: NDArray[np.int64], looks: Looks, atlas: Atlas | None
+) -> tuple[Surfaces, ...]:
     """The meshes of ``objects`` (each has one), whose places in the city are ``owners``; three vertices a triangle.
 
-    Without an ``atlas`` all are painted.
+    What is painted comes first, then what has one colour, then what shows pictures. Without an ``atlas`` all is painted.
     """
     every = _gather(objects, owners)
     painted = every.of(every.textures == PAINTED)
     uv, colors = _painted(painted, looks)
     if atlas is None:
-        return _part(painted, uv, colors)
-    plain = every.of((every.textures != PAINTED) & (every.textures < 0))
+        return (_surfaces(painted, uv, colors),)
+    colored = every.of((every.textures != PAINTED) & (every.textures < 0))
     pictured = every.of(every.textures >= 0)
     copies = atlas.copies[pictured.textures].astype(np.float64)
     corners, placed, source = cut_at_repeats(pictured.corners, pictured.uv, copies)
@@ -80,18 +84,11 @@ def mesh_part(objects: Sequence[CityObject], owners: NDArray[np.int64], looks: L
         corners, *(getattr(pictured, name)[source] for name in ("textures", "colors", "uv", "normals", "owners"))
     )
     in_atlas = atlas.place(np.repeat(cut.textures[:, None], 3, axis=1), placed)
-    parts = [
-        _part(painted, uv * atlas.facade_scale, colors),
-        _part(plain, np.broadcast_to(atlas.white, (len(plain.corners), 3, 2)), plain.colors * light(plain.normals)),
-        _part(cut, in_atlas, cut.colors * (0.5 + 0.5 * light(cut.normals))),
-    ]
-    counts = np.cumsum([0, *(len(one.positions) for one in parts[:-1])])
-    return Part(
-        positions=np.concatenate([one.positions for one in parts]),
-        uv=np.concatenate([one.uv for one in parts]),
-        colors=np.concatenate([one.colors for one in parts]),
-        triangles=np.concatenate([one.triangles + count for one, count in zip(parts, counts, strict=True)]),
-        owners=np.concatenate([one.owners for one in parts]),
+    white = np.broadcast_to(atlas.white, (len(colored.corners), 3, 2))
+    return (
+        _surfaces(painted, uv * atlas.facade_scale, colors),
+        _surfaces(colored, white, colored.colors * light(colored.normals)),
+        _surfaces(cut, in_atlas, cut.colors * (0.5 + 0.5 * light(cut.normals))),
     )
 
 
@@ -112,12 +109,12 @@ def _gather(objects: Sequence[CityObject], owners: NDArray[np.int64]) -> _Triang
     return every.of(size > 1e-12)
 
 
-def _part(triangles: _Triangles, uv: NDArray[np.float64], colors: NDArray[np.float64]) -> Part:
+def _surfaces(triangles: _Triangles, uv: NDArray[np.float64], colors: NDArray[np.float64]) -> Surfaces:
     """``uv`` (m, 3, 2); ``colors`` (m, 3) of triangles or (m, 3, 3) of their corners."""
     m = len(triangles.corners)
     if colors.ndim == 2:
         colors = np.repeat(colors[:, None], 3, axis=1)
-    return Part(
+    return Surfaces(
         positions=triangles.corners.reshape(-1, 3),
         uv=np.asarray(uv, dtype=np.float64).reshape(-1, 2),
         colors=colors.reshape(-1, 3),
@@ -150,7 +147,7 @@ def _painted(triangles: _Triangles, looks: Looks) -> tuple[NDArray[np.float64], 
     metres = np.einsum("mcx,mx->mc", corners[:, :, :2] - corner[owners][:, None], along)
     row_height = facades.storey_v(style, np.ones(len(style))) - facades.storey_v(style, np.zeros(len(style)))
     wall_v = facades.storey_v(style, np.zeros(len(style)))[:, None] + row_height[:, None] * above / storey[:, None]
-    strip_top, strip_bottom = facades.plain_strip(style)
+    strip_top, strip_bottom = facades.blind_strip(style)
     share = np.clip(above / np.maximum(tall[owners], 1e-9)[:, None], 0.0, 1.0)
     blind = (np.ptp(metres, axis=1) < _NARROW)[:, None]
     wall_v = np.where(blind, strip_bottom[:, None] + share * (strip_top - strip_bottom)[:, None], wall_v)

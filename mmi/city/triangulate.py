@@ -6,8 +6,9 @@ import itertools
 
 import mapbox_earcut
 import numpy as np
-import shapely
 from numpy.typing import ArrayLike, NDArray
+
+from mmi.city.outlines import outlines_of
 
 __all__ = ["triangulate"]
 
@@ -17,11 +18,9 @@ def triangulate(polygons: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.in
 
     Triangles are counter-clockwise. Points and triangles are in the order of the polygons.
     """
-    rings, of_ring = shapely.get_rings(polygons, return_index=True)
-    closed, ring = shapely.get_coordinates(rings, return_index=True)
-    keep = np.append(ring[1:] == ring[:-1], False)[: len(closed)]  # a ring's last point is its first
-    points, ring = closed[keep], ring[keep]
-    of = of_ring[ring]
+    outlines = outlines_of(polygons)
+    points, ring = outlines.points[outlines.starts], outlines.edge_rings
+    of = outlines.polygon[ring]
     ends = np.flatnonzero(np.append(ring[1:] != ring[:-1], True)[: len(ring)]) + 1  # of rings
     bounds = np.searchsorted(of, np.arange(of[-1] + 2 if len(of) else 1))  # of polygons
     near = points - np.repeat(points[bounds[:-1]], np.diff(bounds), axis=0)  # near zero, where float64 is finest

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from mmi.city.model import City
+from mmi.city.outlines import outlines_of
 
 __all__ = ["Walls", "walls_of"]
 
@@ -36,15 +36,13 @@ class Walls:
 def walls_of(city: City) -> Walls:
     """The walls of all prisms of all objects, courtyards included."""
     prisms = [(i, prism) for i, one in enumerate(city.objects) for prism in one.prisms]
-    rings, prism_of_ring = shapely.get_rings([prism.footprint for _, prism in prisms], return_index=True)
-    coordinates, ring = shapely.get_coordinates(rings, return_index=True)
-    joined = ring[1:] == ring[:-1]
-    prism_of_wall = prism_of_ring[ring[:-1][joined]]
+    outlines = outlines_of([prism.footprint for _, prism in prisms])
+    prism_of_wall = outlines.polygon[outlines.edge_rings]
     owner = np.array([i for i, _ in prisms], dtype=np.int64)[prism_of_wall]
     bottom = np.array([prism.bottom for _, prism in prisms])[prism_of_wall]
     top = np.array([prism.top for _, prism in prisms])[prism_of_wall]
     first = np.searchsorted(owner, np.arange(len(city.objects) + 1))
-    arrays = (coordinates[:-1][joined], coordinates[1:][joined], bottom, top, first)
+    arrays = (*outlines.edges, bottom, top, first)
     for array in arrays:
         array.setflags(write=False)
     return Walls(*arrays)

@@ -24,6 +24,7 @@ import shapely
 from numpy.typing import NDArray
 
 from mmi.city.model import PLAIN, CityObject, Prism, TriangleMesh
+from mmi.city.outlines import outlines_of
 from mmi.city.terrain import Terrain, grid_triangles
 from mmi.city.welding import is_closed, volume, weld
 from mmi.reading.models.needles import without_needles
@@ -190,14 +191,13 @@ def _rounded(prisms: Sequence[Prism]) -> list[list[list[_Ring]]]:
     parts, of = shapely.get_parts(whole, return_index=True)
     filled = ~shapely.is_empty(parts)
     parts, of = shapely.orient_polygons(parts[filled]), of[filled].tolist()
-    rings, of_ring = shapely.get_rings(parts, return_index=True)
-    points, ring = shapely.get_coordinates(rings, return_index=True)
-    # A point goes if the next is the same, and the last of a ring, which is its first.
-    keep = np.append((ring[1:] == ring[:-1]) & (points[1:] != points[:-1]).any(axis=1), False)[: len(points)]
-    ends = np.searchsorted(ring[keep], np.arange(len(rings) + 1)).tolist()
-    corners = points[keep].astype(np.int64).tolist()
+    outlines = outlines_of(parts)
+    points, following = outlines.edges
+    distinct = (points != following).any(axis=1)
+    ends = np.searchsorted(outlines.edge_rings[distinct], np.arange(len(outlines.polygon) + 1)).tolist()
+    corners = points[distinct].astype(np.int64).tolist()
     polygons: list[list[_Ring]] = [[] for _ in parts]
-    for (start, end), part in zip(pairwise(ends), of_ring.tolist(), strict=True):
+    for (start, end), part in zip(pairwise(ends), outlines.polygon.tolist(), strict=True):
         polygons[part].append(corners[start:end])
     for polygon, prism in zip(polygons, of, strict=True):
         result[prism].append(polygon)

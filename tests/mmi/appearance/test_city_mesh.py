@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from shapely.geometry import Polygon, box, shape
 
 from mmi.appearance.city_mesh import CityMesh, build_city_mesh, mesh_of, triangles_of
-from mmi.appearance.facades import BAYS, ROWS, plain_strip, roof_strip, storey_v
+from mmi.appearance.facades import BAYS, ROWS, blind_strip, roof_strip, storey_v
 from mmi.city.model import City, CityObject, Prism, TriangleMesh
 from mmi.city.triangulate import triangulate
 
@@ -147,7 +147,7 @@ def test_floating_prisms_have_no_doors_but_an_underside():
 
 def test_only_touching_walls_and_short_ones_are_blind():
     def blind(mesh: CityMesh) -> list[bool]:
-        low, high = plain_strip(0)[0], plain_strip(3)[1]
+        low, high = blind_strip(0)[0], blind_strip(3)[1]
         v = mesh.uv[:, 1][mesh.positions[:, 2] == 0.0].reshape(-1, 2)[:, 0]
         return ((v >= low) & (v <= high + 1e-6)).tolist()
 

@@ -10,9 +10,9 @@ from mmi.appearance.facades import (
     BAYS,
     ROWS,
     TEXTURE_SIZE,
+    blind_strip,
     facade_texture,
     ground_texture,
-    plain_strip,
     roof_strip,
     storey_v,
 )
@@ -49,7 +49,7 @@ def test_painting_takes_little_memory():
 def test_bands_and_strips_share_no_texel_and_leave_room_for_mipmaps():
     ranges = [(float(storey_v(s, ROWS)), float(storey_v(s, 0))) for s in STYLES]
     ranges += [
-        (float(top[s]), float(bottom[s])) for top, bottom in (plain_strip(STYLES), roof_strip(STYLES)) for s in STYLES
+        (float(top[s]), float(bottom[s])) for top, bottom in (blind_strip(STYLES), roof_strip(STYLES)) for s in STYLES
     ]
     rows = sorted((texel_row(top), texel_row(bottom)) for top, bottom in ranges)
     assert rows[0][0] >= 16

@@ -12,7 +12,7 @@ from model_cities import BOX_TRIANGLES, box_corners, model_city
 from shapely.geometry import box
 
 from mmi.appearance.city_mesh import build_city_mesh, mesh_of
-from mmi.appearance.facades import BAY, BAYS, ROWS, STOREY, plain_strip, roof_strip, storey_v
+from mmi.appearance.facades import BAY, BAYS, ROWS, STOREY, blind_strip, roof_strip, storey_v
 from mmi.appearance.shading import light
 from mmi.capture.renderer import Capturer
 from mmi.city.model import PAINTED, PLAIN, City, CityObject, Prism, Texture, TriangleMesh
@@ -239,7 +239,7 @@ def test_narrow_painted_walls_have_no_windows():
     narrow = (np.ptp(corners[..., 0], axis=1) == 0) & (np.ptp(corners[..., 2], axis=1) > 0)
     assert narrow.sum() == 4
     v = mesh.uv[mesh.triangles][narrow][..., 1]
-    low, high = plain_strip(np.arange(4))
+    low, high = blind_strip(np.arange(4))
     assert ((v[..., None] >= low - 1e-6) & (v[..., None] <= high + 1e-6)).all(axis=(0, 1)).sum() == 1
 
 

@@ -16,7 +16,7 @@ from shapely.geometry import Polygon, box
 from solids import Solids
 
 from mmi.appearance.city_mesh import build_city_mesh
-from mmi.appearance.facades import plain_strip
+from mmi.appearance.facades import blind_strip
 from mmi.appearance.shading import looks_of
 from mmi.city.long_objects import cut_objects
 from mmi.city.model import PAINTED, CityObject, Prism, TriangleMesh
@@ -252,7 +252,7 @@ def test_a_tile_without_facades_has_plain_walls_along_cuts():
     mesh = build_city_mesh(cut)
     inner = next(i for i, one in enumerate(cut.objects) if one.footprint.equals(box(30, 30, 60, 60)))
     v = mesh.uv[mesh.object_vertices[inner] : mesh.object_vertices[inner] + 16, 1]
-    top, bottom = (float(edge) for edge in plain_strip(looks_of(cut.objects).style[inner]))
+    top, bottom = (float(edge) for edge in blind_strip(looks_of(cut.objects).style[inner]))
     assert set(v.tolist()) == {np.float32(top), np.float32(bottom)}
 
 
