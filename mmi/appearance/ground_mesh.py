@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from shapely.geometry import Polygon
 
 from mmi.appearance import facades
@@ -21,7 +21,7 @@ from mmi.city.model import City
 from mmi.city.terrain import Terrain
 from mmi.city.triangulate import triangulate
 
-__all__ = ["GRAIN", "SKY_HORIZON", "SKY_ZENITH", "ground_mesh", "sky_color", "tile_bounds"]
+__all__ = ["GRAIN", "SKY_HORIZON", "SKY_ZENITH", "ground_mesh", "tile_bounds"]
 
 SKY_HORIZON = (214, 224, 232)
 """sRGB of the sky at and below the horizon."""
@@ -95,12 +95,6 @@ def tile_bounds(ground: CityMesh) -> NDArray[np.float64]:
     """(n, 2, 3) lowest and highest x, y, z of each object of ``ground``, metres; none may be empty."""
     points, first = ground.positions.astype(np.float64), ground.object_vertices[:-1]
     return np.stack([np.minimum.reduceat(points, first), np.maximum.reduceat(points, first)], axis=1)
-
-
-def sky_color(directions: ArrayLike) -> NDArray[np.uint8]:
-    """sRGB of the sky towards ``directions`` (..., 3), unit vectors -> (..., 3) uint8; below the horizon, its colour there."""
-    up = np.clip(np.asarray(directions, dtype=np.float64)[..., 2:], 0.0, 1.0) ** 0.6
-    return np.rint(np.array(SKY_HORIZON) * (1.0 - up) + np.array(SKY_ZENITH) * up).astype(np.uint8)
 
 
 def _surfaces(city: City, xs: NDArray[np.float64], ys: NDArray[np.float64]) -> NDArray[np.object_]:

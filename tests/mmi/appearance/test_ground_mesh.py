@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import LineString, Point, Polygon, box
 
-from mmi.appearance.ground_mesh import SKY_HORIZON, SKY_ZENITH, ground_mesh, sky_color, tile_bounds
+from mmi.appearance.ground_mesh import ground_mesh, tile_bounds
 from mmi.city.model import City, CityObject, Prism
 from mmi.city.terrain import Terrain
 from mmi.reading.read_city import read_city
@@ -152,14 +152,6 @@ def test_carriageways_of_a_real_city_are_its_streets_as_wide_as_they_are():
     shown = shapely.union_all(shapely.polygons(mesh.positions[mesh.triangles[road], :2].astype(float)))
     assert shapely.symmetric_difference(plain, shown).buffer(-0.011).is_empty  # thinned by 2 cm at most
     assert shown.area == pytest.approx(plain.area, rel=1e-3)
-
-
-def test_the_sky_darkens_towards_the_zenith():
-    sky = sky_color([[1.0, 0.0, 0.0], [0.0, 0.6, 0.8], [0.0, 0.0, 1.0], [0.0, 0.6, -0.8]])
-    assert sky.dtype == np.uint8
-    assert tuple(sky[0]) == tuple(sky[3]) == SKY_HORIZON
-    assert tuple(sky[2]) == SKY_ZENITH
-    assert SKY_ZENITH[0] < sky[1, 0] < SKY_HORIZON[0]
 
 
 # Hills

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mmi.appearance.ground_mesh import SKY_HORIZON
+from mmi.appearance.ground_mesh import SKY_HORIZON, SKY_ZENITH
 from mmi.capture.renderer import Capturer
 from mmi.foundation.camera import level_view, view_towards
 from mmi.foundation.errors import CaptureError
@@ -71,6 +71,27 @@ def test_sky_above_ground_below_up_to_the_horizon(scene, place, renderer):
     assert np.isinf(frame.depth[:119]).all()
     assert frame.depth[-1, 160] == pytest.approx(1.7 * FOCAL / 119.5, rel=1e-3)
     np.testing.assert_allclose(frame.color[118, 160], SKY_HORIZON, atol=6)
+
+
+def sky_color(directions):
+    """The twin of the shader: sRGB of the sky towards ``directions`` (..., 3), unit vectors."""
+    up = np.clip(directions[..., 2:], 0.0, 1.0) ** 0.6
+    return np.array(SKY_HORIZON) * (1.0 - up) + np.array(SKY_ZENITH) * up
+
+
+def test_the_sky_darkens_towards_the_zenith(place, renderer):
+    seen = []
+    for azimuth, pitch in ((0.0, 0.0), (2.0, 0.7), (4.0, 1.4), (5.0, -0.8)):
+        view = look(place, azimuth, pitch=pitch)
+        u, v = view.pixel_centres()
+        rays = view.unproject(u[None, :], v[:, None], np.ones(1)) - view.eye
+        expected = sky_color(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+        seen.append(expected.reshape(-1, 3))
+        frame = renderer.draw(Plan((Sky(),)), view, measured=True)
+        np.testing.assert_allclose(frame.color, expected, atol=1.0)
+    shown = np.concatenate(seen)
+    assert (shown.min(axis=0) < np.array(SKY_ZENITH) + 1).all(), "the zenith was looked at"
+    assert (shown.max(axis=0) == SKY_HORIZON).all()
 
 
 def test_the_ground_goes_on_where_no_tiles_are_drawn(scene, place, renderer):
