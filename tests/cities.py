@@ -1,4 +1,4 @@
-"""Small cities that can be worked out by hand, and where the real ones are."""
+"""Small cities that can be worked out by hand, and where the real ones are: all tests find them here."""
 
 from __future__ import annotations
 
@@ -12,14 +12,16 @@ from mmi.cells.viewing_cells import ViewingCell
 from mmi.city.model import City, CityObject, Prism
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+"""Real cities and models; may be absent."""
 HELSINKI = Path(__file__).resolve().parents[1] / "examples" / "helsinki" / "helsinki.osm.pbf"
+"""A district that comes with the project."""
 
 
-def real(name: str) -> Path:
-    """A folder of ../shared/data; skips the test where it is not there."""
+def real(name: str | Path) -> Path:
+    """A file or folder of ../shared/data, or the path itself if absolute; skips the test where it is not there."""
     path = SHARED / name
     if not path.exists():
-        pytest.skip(f"needs ../shared/data/{name}")
+        pytest.skip(f"needs {path.name}, which comes with ../shared/data")
     return path
 
 

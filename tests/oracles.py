@@ -1,16 +1,15 @@
-"""Brute force that tests hold the real thing against. Shares no code with what it checks."""
+"""Rays cast at a city's prisms by brute force, and viewpoints to cast them from, to hold visibility and weights against.
+
+Shares no code with what it checks.
+"""
 
 from __future__ import annotations
 
 import itertools
 import math
-from pathlib import Path
 
 import numpy as np
 from numba import njit
-
-DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
-"""Real cities; may be absent."""
 
 
 class PrismRays:

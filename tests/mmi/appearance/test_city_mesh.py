@@ -2,13 +2,12 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 
 import networkx as nx
 import numpy as np
 import pytest
 import shapely
-from cities import crossroads
+from cities import crossroads, real
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Polygon, box, shape
@@ -17,8 +16,6 @@ from mmi.appearance.city_mesh import CityMesh, build_city_mesh, mesh_of, triangl
 from mmi.appearance.facades import BAYS, ROWS, blind_strip, roof_strip, storey_v
 from mmi.city.model import City, CityObject, Prism, TriangleMesh
 from mmi.city.triangulate import triangulate
-
-DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data"
 
 
 def city_of(*objects: CityObject, ground: float = 0.0) -> City:
@@ -294,9 +291,7 @@ def test_wrong_offsets_are_refused():
 
 
 def test_a_real_district_is_whole():
-    path = DATA / "paris_9e" / "derived_buildings.geojson"
-    if not path.exists():
-        pytest.skip(f"{path} is not there")
+    path = real("paris_9e/derived_buildings.geojson")
     objects: dict[str, CityObject] = {}
     for feature in json.loads(path.read_text())["features"]:
         polygons = shapely.get_parts(shapely.make_valid(shape(feature["geometry"])))

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from pathlib import Path
 
 import networkx as nx
 import numpy as np
 import pytest
 import shapely
+from cities import real
 from hills import waves
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -22,8 +22,6 @@ from mmi.cells.viewing_cells import CellReport, ViewingCell, spread, viewing_cel
 from mmi.city.model import City, CityObject, Prism
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError, ParameterError
-
-DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data"
 
 
 def city_of(lines, boxes=(), *, half_width=3.0, ground=0.0, bottom=0.0, top=10.0):
@@ -276,9 +274,7 @@ def test_no_cell_comes_near_a_building_and_wide_streets_stay_wide(lines, boxes, 
 
 def real_city(name):
     """Buildings and streets of a folder's derived files, as they are: streets run through buildings."""
-    folder = DATA / name
-    if not folder.is_dir():
-        pytest.skip(f"real city {name} not found beside the project")
+    folder = real(name)
     streets = json.loads((folder / "derived_streets.geojson").read_text())["features"]
     buildings = json.loads((folder / "derived_buildings.geojson").read_text())["features"]
     origin = np.array(streets[0]["geometry"]["coordinates"][0])

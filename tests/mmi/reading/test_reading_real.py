@@ -3,38 +3,35 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
+from cities import HELSINKI, SHARED, real
 
 from mmi.foundation.errors import CityError
 from mmi.reading.read_city import read_city
 from mmi.reading.read_options import ReadOptions
 
-ROOT = Path(__file__).resolve().parents[3]
-DATA = ROOT.parent / "shared" / "data"
-
 ZUG = {"buildings_layer": "zone,surroundings"}
 CITIES = {
-    "helsinki": (ROOT / "examples/helsinki/helsinki.osm.pbf", None, {}),
-    "nyc": (DATA / "nyc_west_village/nyc.osm.pbf", None, {}),
-    "paris": (DATA / "paris_9e/map.osm", None, {}),
-    "london": (DATA / "london_strand/london.osm.pbf", None, {"network": "all"}),
-    "porto": (DATA / "porto/porto.osm.pbf", None, {}),
-    "lorient": (DATA / "lorient/buildings.shp", DATA / "lorient/roads.shp", {}),
-    "lorient, the other roads": (DATA / "lorient", None, {"streets_layer": "ROADS2", "buildings_layer": "buildings"}),
+    "helsinki": (HELSINKI, None, {}),
+    "nyc": (SHARED / "nyc_west_village/nyc.osm.pbf", None, {}),
+    "paris": (SHARED / "paris_9e/map.osm", None, {}),
+    "london": (SHARED / "london_strand/london.osm.pbf", None, {"network": "all"}),
+    "porto": (SHARED / "porto/porto.osm.pbf", None, {}),
+    "lorient": (SHARED / "lorient/buildings.shp", SHARED / "lorient/roads.shp", {}),
+    "lorient, the other roads": (SHARED / "lorient", None, {"streets_layer": "ROADS2", "buildings_layer": "buildings"}),
     "zug": (
-        DATA / "dirty_zug_cea/building-geometry",
-        DATA / "dirty_zug_cea/networks/streets.shp",
+        SHARED / "dirty_zug_cea/building-geometry",
+        SHARED / "dirty_zug_cea/networks/streets.shp",
         ZUG | {"network": "walk"},
     ),
-    "rome": (DATA / "dirty_osm_broken/rome.osm.pbf", None, {}),
-    "redon": (DATA / "dirty_osm_broken/redon.osm", None, {"network": "all"}),
+    "rome": (SHARED / "dirty_osm_broken/rome.osm.pbf", None, {}),
+    "redon": (SHARED / "dirty_osm_broken/redon.osm", None, {"network": "all"}),
     "london, by GDAL": (
-        DATA / "london_strand/derived_buildings.geojson",
-        DATA / "london_strand/derived_streets.geojson",
+        SHARED / "london_strand/derived_buildings.geojson",
+        SHARED / "london_strand/derived_streets.geojson",
         {"network": "all"},
     ),
 }
@@ -42,9 +39,7 @@ CITIES = {
 
 def read(name, **options):
     path, streets, own = CITIES[name]
-    if not path.exists():
-        pytest.skip(f"{path.name} is not here: it comes with ../shared/data")
-    return read_city(path, ReadOptions(streets=streets, **(own | options)))
+    return read_city(real(path), ReadOptions(streets=streets, **(own | options)))
 
 
 def tally(report, section, start=""):
@@ -135,11 +130,8 @@ def holes(footprint):
 
 def test_our_rings_agree_with_osmiums_areas():
     """Oracle: the derived files were assembled by osmium's own area code and projected by GDAL."""
-    path = CITIES["paris"][0]
-    if not path.exists():
-        pytest.skip("../shared/data is not here")
     ours, _ = read("paris")
-    folder = path.parent
+    folder = real("paris_9e")
     theirs, _ = read_city(folder / "derived_buildings.geojson", ReadOptions(streets=folder / "derived_streets.geojson"))
     shift = np.subtract(theirs.origin[:2], ours.origin[:2])
     other = {one.id: shapely.transform(one.footprint, lambda xy: xy + shift) for one in theirs.objects}
@@ -180,20 +172,18 @@ REFUSED = {
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_cannot_be_used_is_refused_in_one_line(name):
-    if not (DATA / name).exists():
-        pytest.skip("../shared/data is not here")
-    before = sorted((DATA / name).parent.iterdir())
+    path = real(name)
+    before = sorted(path.parent.iterdir())
     with pytest.raises(CityError, match=REFUSED[name]) as caught:
-        read_city(DATA / name)
+        read_city(path)
     assert "\n" not in str(caught.value)
-    assert sorted((DATA / name).parent.iterdir()) == before  # GDAL likes to leave files behind
+    assert sorted(path.parent.iterdir()) == before  # GDAL likes to leave files behind
 
 
 @pytest.mark.parametrize("name", ["porto/porto.osm.pbf", "paris_9e/map.osm"])
 def test_truncated_extracts_are_refused(tmp_path, name):
-    if not (DATA / name).exists():
-        pytest.skip("../shared/data is not here")
-    half = tmp_path / Path(name).name
-    half.write_bytes((DATA / name).read_bytes()[: (DATA / name).stat().st_size // 2])
+    path = real(name)
+    half = tmp_path / path.name
+    half.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     with pytest.raises(CityError, match="complete to its end"):
         read_city(half)

@@ -3,15 +3,15 @@
 import dataclasses
 import itertools
 import math
-from pathlib import Path
 
 import networkx as nx
 import numpy as np
 import pytest
 import shapely
+from cities import HELSINKI, SHARED, real
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles import DATA, PrismRays, searching_rays, viewpoints_within
+from oracles import PrismRays, searching_rays, viewpoints_within
 from shapely import affinity
 from shapely.geometry import LineString, Point, Polygon, box
 
@@ -422,18 +422,13 @@ class TestOracle:
         assert 1.5 <= points[:, 2].min() < points[:, 2].max() <= 1.9
 
 
-EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
-
-
 @pytest.mark.parametrize(
     "path",
-    [EXAMPLES / "helsinki/helsinki.osm.pbf", DATA / "paris_9e/map.osm", DATA / "nyc_west_village/nyc.osm.pbf"],
+    [HELSINKI, SHARED / "paris_9e/map.osm", SHARED / "nyc_west_village/nyc.osm.pbf"],
     ids=lambda path: path.parent.name,
 )
 def test_a_million_rays_in_a_real_city(path):
-    if not path.is_file():
-        pytest.skip(f"no {path.parent.name}/{path.name}: real cities are expected in ../shared/data")
-    city, _ = read_city(path)
+    city, _ = read_city(real(path))
     graph = viewing_cells(city)
     scene, caster, rng = prepare_horizon(city), PrismRays(city), np.random.default_rng(11)
     swept = hit = 0

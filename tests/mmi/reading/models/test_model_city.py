@@ -10,7 +10,7 @@ import numpy as np
 import pyproj
 import pytest
 import shapely
-from cities import block, city_of, crossroads
+from cities import block, city_of, crossroads, real
 from city_files import geojson
 from shapely.geometry import LineString, box
 
@@ -22,8 +22,6 @@ from mmi.reading.read_city import read_city
 from mmi.reading.read_options import ReadOptions
 from mmi.reading.report import Ledger
 from mmi.writing.cityjson_writer import write_cityjson
-
-DATA = Path(__file__).resolve().parents[5] / "shared" / "data"
 
 
 def counts(report, section):
@@ -276,15 +274,12 @@ REAL = {  # buildings, pictures, CRS, longitude, latitude
 
 
 @pytest.fixture(scope="module", params=list(REAL))
-def real(request):
-    path = DATA / request.param
-    if not path.exists():
-        pytest.skip(f"{path.name} is not here: it comes with ../shared/data")
-    return request.param, *read_city(path, ReadOptions(network="all"))
+def real_model(request):
+    return request.param, *read_city(real(request.param), ReadOptions(network="all"))
 
 
-def test_real_models(real):
-    name, city, report = real
+def test_real_models(real_model):
+    name, city, report = real_model
     buildings, pictures, crs, lon, lat = REAL[name]
     assert (len(city.objects), len(city.textures), city.crs) == (buildings, pictures, crs)
     assert counts(report, "read")["buildings"] == buildings
@@ -302,8 +297,8 @@ def test_real_models(real):
     assert (standing > -20.0).all()
 
 
-def test_cores_of_real_models_lie_within_their_bounds(real):
-    name, city, _ = real
+def test_cores_of_real_models_lie_within_their_bounds(real_model):
+    name, city, _ = real_model
     solid = sum(bool(one.core) for one in city.objects)
     assert solid >= {"DenHaag_01.json": 700, "delft.json": 140, "vienna.jsonl": 120}.get(Path(name).name, 0)
     for one in city.objects:
@@ -313,9 +308,9 @@ def test_cores_of_real_models_lie_within_their_bounds(real):
             assert one.base - 1e-9 <= prism.bottom < prism.top <= one.top + 1e-9
 
 
-def test_pictures_of_real_models_are_not_mirrored(real):
+def test_pictures_of_real_models_are_not_mirrored(real_model):
     """From outside, u turns to v counter-clockwise. (Atlases may turn pictures, files may be off by a corner: not told.)"""
-    _, city, _ = real
+    _, city, _ = real_model
     if not city.textures:
         pytest.skip("no pictures")
     right = total = 0.0
@@ -331,9 +326,7 @@ def test_pictures_of_real_models_are_not_mirrored(real):
 
 def test_pictures_of_georess_walls_stand_upright():
     """Repeating patterns and whole facades, no atlas: v grows with the height and u to the right, seen from outside."""
-    path = DATA / "geores_textured/geoRES_testdata.xml"
-    if not path.exists():
-        pytest.skip("../shared/data is not here")
+    path = real("geores_textured/geoRES_testdata.xml")
     city, _ = read_city(path, ReadOptions(network="all"))
     upright = rightward = total = 0.0
     for one in city.objects:
@@ -356,9 +349,7 @@ def test_pictures_of_georess_walls_stand_upright():
 
 
 def test_a_folder_with_one_model_and_its_pictures():
-    folder = DATA / "textured_small/rotterdam_two_buildings"
-    if not folder.exists():
-        pytest.skip("../shared/data is not here")
+    folder = real("textured_small/rotterdam_two_buildings")
     city, _ = read_city(folder, ReadOptions(network="all"))
     assert len(city.objects) == 2
 
@@ -366,9 +357,7 @@ def test_a_folder_with_one_model_and_its_pictures():
 @pytest.mark.parametrize("name", ["denhaag_cityjson/DenHaag_01.json", "delft_cityjson/delft.json"])
 def test_triangles_agree_with_the_files_own(name):
     """Oracle: areas by Newell's rule over the rings of the file itself, with holes."""
-    path = DATA / name
-    if not path.exists():
-        pytest.skip("../shared/data is not here")
+    path = real(name)
     document = json.loads(path.read_text(encoding="utf-8"))
     points = np.array(document["vertices"]) * document["transform"]["scale"]
     exact = 0.0
@@ -386,9 +375,7 @@ def test_triangles_agree_with_the_files_own(name):
 
 
 def test_what_is_no_model_or_has_no_building():
-    folder = DATA / "dirty_tokyo_plateau/udx"
-    if not folder.exists():
-        pytest.skip("../shared/data is not here")
+    folder = real("dirty_tokyo_plateau/udx")
     refused(folder / "tran/533925_tran_6697_op.gml", "no buildings; expected objects of type Building")
     with pytest.raises(CityError):
         read_city(folder / "bldg/TestCaseOfInvalidFileNameGml.gml")
