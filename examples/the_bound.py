@@ -1,6 +1,6 @@
-"""The figure of docs/bound.md: what a capture misses, and how wide a strip of it can open.
+"""The figures of docs/bound.md: what a capture misses, how wide a strip of it can open, and strips side by side.
 
-python examples/the_bound.py bound.png
+python examples/the_bound.py bound.png strips.png
 """
 
 import sys
@@ -42,6 +42,31 @@ def main() -> None:
     axes[1].plot([58, 58], [-58.0 / 30.0, x[1]], color="#d55e00", lw=3)
     _rays(axes[1], C + (x - C) * 30.0 / 58.0, x)
     figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "bound.png", dpi=130)
+    plt.close(figure)
+    if len(sys.argv) > 2:
+        strips(sys.argv[2])
+
+
+def strips(path: str) -> None:
+    """A row of houses whose fronts face just away from C: each is missed by less than the threshold, the row by more."""
+    figure, axis = plt.subplots(figsize=(11, 3.2), layout="constrained")
+    axis.add_patch(Polygon(CELL, color="#56b4e9", alpha=0.35, lw=0))
+    for k in range(4):
+        left = 26.0 + 11.0 * k
+        axis.add_patch(Polygon([(left, 0.6), (left + 10.6, 0.6), (left + 10.6, 9.0), (left, 9.0)], color="#999999"))
+        axis.plot([left, left + 10.6], [0.6, 0.6], color="#d55e00", lw=3)
+        axis.plot(*np.array([M, (left, 0.6)]).T, "k--", lw=0.6)
+    axis.plot(*np.array([M, (26.0 + 43.6, 0.6)]).T, "k--", lw=0.6)
+    axis.plot(0.0, 1.5, "ko", ms=4)
+    axis.plot(*M, "k^", ms=5)
+    axis.annotate("C", (0.0, 1.5), (-3.0, 2.0))
+    axis.annotate("M", M, (0.4, -6.0))
+    axis.set_aspect("equal")
+    axis.set_axis_off()
+    axis.set_xlim(-12, 72)
+    axis.set_ylim(-9, 11)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
 
 
 def _rays(axis: plt.Axes, y: np.ndarray, x: np.ndarray) -> None:

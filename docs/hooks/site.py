@@ -1,0 +1,224 @@
+"""What the site takes from the project itself, so that nothing is copied: schemas, --help texts, packages, the changelog.
+
+A page asks for a piece with a comment on a line of its own:
+
+    <!-- schema mmi/dataset/schemas/manifest.json -->     the fields of a JSON Schema, as tables
+    <!-- help build-impostors -->                         what a program prints for --help
+    <!-- packages mmi -->                                 the packages, each with the first sentence of its docstring
+    <!-- file CHANGELOG.md -->                            another Markdown file of the project, without its title
+
+A page of the API is made for every package. Roles in docstrings (``:func:`plan_cell```) become links.
+"""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import importlib
+import io
+import json
+import os
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).resolve().parents[2]
+ROOTS = ("mmi", "viewer", "citygen")
+ASKED = re.compile(r"^<!-- (schema|help|packages|file) (\S+) -->$", re.MULTILINE)
+ROLE = re.compile(r":(?:func|class|meth|mod|data|attr|exc):<code>~?([\w.]+)</code>")
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """The API's pages join the navigation."""
+    api = next(entry["API"] for entry in config.nav or [] if "API" in entry)
+    for root in ROOTS:
+        api.append({root: [{name: f"api/{name}.md"} for name in _packages(root)]})
+    return config
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """A page for every package, which mkdocstrings fills."""
+    for root in ROOTS:
+        for name in _packages(root):
+            files.append(File.generated(config, f"api/{name}.md", content=_api_page(name)))
+    return files
+
+
+def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:  # noqa: ARG001
+    """What a page asks for stands in the comment's place."""
+    makers = {"schema": _schema, "help": _help, "packages": _package_list, "file": _other_file}
+    return ASKED.sub(lambda found: makers[found[1]](found[2]), markdown)
+
+
+def on_page_content(html: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:  # noqa: ARG001
+    """Sphinx roles become links where their target has a place on the site, and plain names elsewhere."""
+
+    def link(found: re.Match[str]) -> str:
+        name = found[1]
+        return f'<autoref optional identifier="{name}"><code>{name.rsplit(".", 1)[-1]}</code></autoref>'
+
+    return ROLE.sub(link, html)
+
+
+# Packages --------------------------------------------------------------------------------------------------------------
+
+
+def _packages(root: str) -> list[str]:
+    """Dotted names of a root and of all its packages."""
+    return [".".join(path.parent.relative_to(ROOT).parts) for path in sorted((ROOT / root).rglob("__init__.py"))]
+
+
+def _docstring(path: Path) -> str:
+    return ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+
+
+def _api_page(name: str) -> str:
+    folder = ROOT.joinpath(*name.split("."))
+    lines = [
+        f"# {name}",
+        "",
+        f"::: {name}",
+        "    options:",
+        "      heading_level: 2",
+        "      show_root_toc_entry: false",
+        "",
+    ]
+    if name.count(".") == 0 and not _public_names(folder):
+        lines.insert(-1, "      members: false")
+    for path in sorted(folder.glob("*.py")):
+        if path.stem != "__init__":
+            lines += [f"::: {name}.{path.stem}", "    options:", "      heading_level: 2", ""]
+    return "\n".join(lines)
+
+
+def _public_names(folder: Path) -> bool:
+    return "__all__" in (folder / "__init__.py").read_text(encoding="utf-8")
+
+
+def _package_list(root: str) -> str:
+    rows = ["| package | what it is for |", "|---|---|"]
+    for name in _packages(root):
+        sentence = " ".join(_docstring(ROOT.joinpath(*name.split("."), "__init__.py")).split("\n\n", 1)[0].split())
+        sentence = re.sub(r":\w+:`~?([\w.]+)`", r"`\1`", sentence).replace("``", "`").replace("|", "\\|")
+        rows.append(f"| [`{name}`]({name}.md) | {sentence} |")
+    return "\n".join(rows)
+
+
+# Programs and files ----------------------------------------------------------------------------------------------------
+
+
+def _help(program: str) -> str:
+    """What ``program --help`` prints, in a block."""
+    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
+    module, _, name = scripts[program].partition(":")
+    printed = io.StringIO()
+    before = os.environ.get("COLUMNS")
+    os.environ["COLUMNS"] = "96"
+    try:
+        with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
+            getattr(importlib.import_module(module), name)(["--help"])
+    finally:
+        if before is None:
+            del os.environ["COLUMNS"]
+        else:
+            os.environ["COLUMNS"] = before
+    return f"```text\n{printed.getvalue().rstrip()}\n```"
+
+
+def _other_file(name: str) -> str:
+    """Another Markdown file, without its title; its links into the documentation lead to pages of the site."""
+    return re.sub(r"\A# .*\n", "", (ROOT / name).read_text(encoding="utf-8")).replace("](docs/", "](")
+
+
+# Schemas ---------------------------------------------------------------------------------------------------------------
+
+
+def _schema(name: str) -> str:
+    """A JSON Schema's description, and a table of its fields; one more table for every definition that has fields."""
+    schema = json.loads((ROOT / name).read_text(encoding="utf-8"))
+    definitions = {key: one for key, one in schema.get("$defs", {}).items() if "properties" in one}
+    pages = [schema.get("description", ""), *_table(schema, schema)]
+    for key, one in definitions.items():
+        pages += ["", f"## {key} {{: #{key} }}", "", one.get("description", ""), *_table(one, schema)]
+    return "\n".join(pages)
+
+
+def _table(one: Mapping[str, Any], schema: Mapping[str, Any]) -> list[str]:
+    rows = [f"| `{path}` | {kind} | {text} |" for path, kind, text in _fields(one, schema, "")]
+    return [
+        "",
+        '<div class="schema" markdown>',
+        "",
+        "| field | type | what it is |",
+        "|---|---|---|",
+        *rows,
+        "",
+        "</div>",
+    ]
+
+
+def _fields(one: Mapping[str, Any], schema: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, str, str]]:
+    """Path, type and meaning of every field below ``one``, definitions with fields of their own left to their table."""
+    required = set(one.get("required", ()))
+    for key, value in one.get("properties", {}).items():
+        optional = "" if key in required else " (optional)"
+        yield from _field(value, schema, f"{prefix}{key}", optional)
+    more = one.get("additionalProperties")
+    if isinstance(more, Mapping):
+        yield from _field(more, schema, f"{prefix}NAME", "")
+
+
+def _field(
+    value: Mapping[str, Any], schema: Mapping[str, Any], path: str, optional: str
+) -> Iterator[tuple[str, str, str]]:
+    resolved = _resolved(value, schema)
+    text = " ".join(str(value.get("description") or resolved.get("description") or "").split()).replace("|", "\\|")
+    yield path, _kind(value, schema) + optional, text
+    inner, suffix = value, ""
+    while "items" in inner and isinstance(inner["items"], Mapping):
+        inner, suffix = inner["items"], suffix + "[]"
+    if "$ref" not in inner:
+        yield from _fields(inner, schema, f"{path}{suffix}.")
+
+
+def _resolved(value: Mapping[str, Any], schema: Mapping[str, Any]) -> Mapping[str, Any]:
+    reference = value.get("$ref")
+    if reference is None:
+        return value
+    found: Any = schema
+    for key in reference.removeprefix("#/").split("/"):
+        found = found[key]
+    return {**found, **{key: one for key, one in value.items() if key != "$ref"}}
+
+
+def _kind(value: Mapping[str, Any], schema: Mapping[str, Any]) -> str:
+    """A field's type in words."""
+    if "$ref" in value:
+        name = value["$ref"].rsplit("/", 1)[-1]
+        target = _resolved({"$ref": value["$ref"]}, schema)
+        return f"[{name}](#{name})" if "properties" in target else _kind(target, schema)
+    if "const" in value:
+        return f"`{json.dumps(value['const'])}`"
+    if "enum" in value:
+        return "one of " + ", ".join(f"`{one}`" for one in value["enum"])
+    if "anyOf" in value or "oneOf" in value:
+        return " or ".join(_kind(one, schema) for one in value.get("anyOf", value.get("oneOf", ())))
+    kinds = value.get("type", "any")
+    kinds = kinds if isinstance(kinds, list) else [kinds]
+    words = {"array": _list_kind(value, schema), "object": "object", "null": "null"}
+    return " or ".join(words.get(kind, kind) for kind in kinds)
+
+
+def _list_kind(value: Mapping[str, Any], schema: Mapping[str, Any]) -> str:
+    if value.get("prefixItems"):
+        return "list (" + ", ".join(_kind(one, schema) for one in value["prefixItems"]) + ")"
+    items = value.get("items")
+    inner = _kind(items, schema) if isinstance(items, Mapping) else "any"
+    count = value.get("minItems") if value.get("minItems") == value.get("maxItems") else None
+    return f"list of {count} {inner}s" if count and inner in ("number", "integer") else f"list of {inner}"

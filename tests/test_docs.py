@@ -1,0 +1,178 @@
+"""README and documentation: short where they must be, no dead links, no options that no program has, plain English."""
+
+import contextlib
+import importlib
+import io
+import re
+import tomllib
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = {
+    path.relative_to(ROOT).as_posix(): path
+    for path in [*ROOT.glob("*.md"), *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "examples").rglob("*.md"))]
+}
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+MOST_README_LINES = 120
+BANNED = re.compile(r"\b(whence|thus|hence|dear|apt)\b", re.IGNORECASE)
+FENCE = re.compile(r"^( *)(```|~~~).*?^\1\2\s*$", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"!?\[[^\]]*\]\(([^()\s]+)\)")
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z0-9-]*")
+GENERATED = re.compile(r"(^|/)api/(mmi|viewer|citygen)[\w.]*\.md$")
+"""Pages of packages, which docs/hooks/site.py makes."""
+OTHER_PROGRAMS = {
+    "scripts/test": {"--slow"},
+    "mkdocs": {"--strict"},
+    "pytest": {"--slow"},
+}
+"""Options of what is no program with a --help of ours."""
+
+
+@cache
+def text_of(name):
+    return PAGES[name].read_text(encoding="utf-8")
+
+
+def prose_of(text):
+    """A page without code: what English is about."""
+    return re.sub(r"`[^`\n]*`", "", re.sub(r"^( {4}|\t).*$", "", FENCE.sub("", text), flags=re.MULTILINE))
+
+
+@cache
+def options_of(program):
+    """The options in a program's --help, which is a console script of ours or a file of benchmarks."""
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
+        module, _, name = PROJECT["scripts"][program].partition(":")
+        getattr(importlib.import_module(module), name)(["--help"])
+    return set(OPTION.findall(printed.getvalue()))
+
+
+@cache
+def options_of_benchmark(path):
+    return set(re.findall(r'"(--[a-z][a-z0-9-]*)"', (ROOT / path).read_text(encoding="utf-8")))
+
+
+def commands_of(text):
+    """Every command line of a program of ours in a page: blocks and code in sentences, continued lines joined."""
+    joined = text.replace("\\\n", " ")
+    spans = re.findall(r"`([^`\n]+)`", FENCE.sub("", joined)) + joined.splitlines()
+    starts = "|".join([*map(re.escape, PROJECT["scripts"]), r"python benchmarks/\w+\.py"])
+    for span in spans:
+        found = re.match(rf"\s*({starts})\s+(.*)", span.split("#", 1)[0])
+        if found:
+            yield found[1], found[2]
+
+
+def links_of(name):
+    for target in LINK.findall(FENCE.sub("", text_of(name))):
+        if not re.match(r"[a-z]+:", target):
+            yield target
+
+
+def broken(name, target):
+    """Why a relative link of a page leads nowhere, or None."""
+    file, _, _ = target.partition("#")
+    if not file or GENERATED.search(file):
+        return None
+    there = (PAGES[name].parent / file).resolve()
+    if not there.is_relative_to(ROOT):
+        return f"{target} leaves the project"
+    return None if there.exists() else f"{target} does not exist"
+
+
+def strange_options(text):
+    """Options that a page gives to a program which does not have them."""
+    for program, rest in commands_of(text):
+        known = (
+            options_of_benchmark(program.removeprefix("python "))
+            if program.startswith("python ")
+            else options_of(program)
+        )
+        yield from (f"{program} {option}" for option in OPTION.findall(rest) if option not in known)
+
+
+def unknown_options(text):
+    """Options that a page names anywhere and that no program has."""
+    known = set().union(*map(options_of, PROJECT["scripts"]), *OTHER_PROGRAMS.values())
+    for path in (ROOT / "benchmarks").glob("*.py"):
+        known |= options_of_benchmark(path.relative_to(ROOT).as_posix())
+    return sorted(set(OPTION.findall(re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL))) - known)
+
+
+def test_the_readme_is_short():
+    assert text_of("README.md").count("\n") <= MOST_README_LINES
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_relative_links_and_pictures_exist(name):
+    assert [why for why in (broken(name, target) for target in links_of(name)) if why] == []
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_options_exist(name):
+    assert list(strange_options(text_of(name))) == []
+    assert unknown_options(text_of(name)) == []
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_english_is_plain(name):
+    assert BANNED.findall(prose_of(text_of(name))) == []
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_pages_name_only_files_that_a_stranger_has(name):
+    """Nobody else has a folder of data beside the project's."""
+    assert "../shared" not in text_of(name)
+
+
+def test_what_pages_ask_the_hook_for_exists():
+    for name in PAGES:
+        for kind, what in re.findall(r"^<!-- (schema|help|packages|file) (\S+) -->$", text_of(name), re.MULTILINE):
+            assert what in PROJECT["scripts"] if kind == "help" else (ROOT / what).exists(), f"{name}: {what}"
+        for file in re.findall(r'^--8<-- "([^":]+)', text_of(name), re.MULTILINE):
+            assert (ROOT / file).exists(), f"{name}: {file}"
+
+
+def test_no_picture_is_left_over():
+    told = "".join(text_of(name) for name in PAGES) + (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    left = [path.name for path in (ROOT / "docs" / "pictures").iterdir() if path.name not in told]
+    assert left == []
+
+
+@pytest.mark.parametrize(
+    ("check", "page"),
+    [
+        (strange_options, "    build-impostors CITY -o OUT --no-such-option 3"),
+        (strange_options, "Use `compare-impostors OUT --views 3 --max-error 5`."),
+        (strange_options, "    build-impostors CITY \\\n        --such"),
+        (strange_options, "    python benchmarks/bound.py OUT --max-error 5"),
+        (unknown_options, "The option `--no-such-option` does it."),
+        (lambda text: BANNED.findall(prose_of(text)), "It is thus a `thing`."),
+        (
+            lambda text: [why for why in (broken("README.md", one) for one in LINK.findall(text)) if why],
+            "[a](docs/no.md)",
+        ),
+        (
+            lambda text: [why for why in (broken("README.md", one) for one in LINK.findall(text)) if why],
+            "![a](docs/no.png)",
+        ),
+    ],
+)
+def test_the_checks_notice(check, page):
+    assert list(check(page))
+
+
+@pytest.mark.parametrize(
+    ("check", "page"),
+    [
+        (strange_options, "    build-impostors CITY -o OUT --max-error 5   # and then --anything"),
+        (strange_options, "    scripts/test --slow"),
+        (lambda text: BANNED.findall(prose_of(text)), "Run `apt-get`, or\n\n    apt install\n\n```\nthus\n```\n"),
+    ],
+)
+def test_the_checks_let_pass(check, page):
+    assert not list(check(page))
