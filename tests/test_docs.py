@@ -131,10 +131,17 @@ def test_pages_name_only_files_that_a_stranger_has(name):
 
 def test_what_pages_ask_the_hook_for_exists():
     for name in PAGES:
-        for kind, what in re.findall(r"^<!-- (schema|help|packages|file) (\S+) -->$", text_of(name), re.MULTILINE):
+        for kind, what in re.findall(
+            r"^<!-- (schema|help|packages|file|example) (\S+) -->$", text_of(name), re.MULTILINE
+        ):
             assert what in PROJECT["scripts"] if kind == "help" else (ROOT / what).exists(), f"{name}: {what}"
-        for file in re.findall(r'^--8<-- "([^":]+)', text_of(name), re.MULTILINE):
-            assert (ROOT / file).exists(), f"{name}: {file}"
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_nothing_is_fetched_from_elsewhere(name):
+    """Material loads Mermaid from the network where a page has a diagram of it, and a picture may be anywhere."""
+    assert "```mermaid" not in text_of(name)
+    assert not re.search(r"!\[[^\]]*\]\(https?:|<(img|script|iframe)\b[^>]*https?:", text_of(name))
 
 
 def test_no_picture_is_left_over():

@@ -6,6 +6,7 @@ A page asks for a piece with a comment on a line of its own:
     <!-- help build-impostors -->                         what a program prints for --help
     <!-- packages mmi -->                                 the packages, each with the first sentence of its docstring
     <!-- file CHANGELOG.md -->                            another Markdown file of the project, without its title
+    <!-- example examples/the_bound.py -->                a Python file, in a block
 
 A page of the API is made for every package. Roles in docstrings (``:func:`plan_cell```) become links.
 """
@@ -19,6 +20,7 @@ import io
 import json
 import os
 import re
+import textwrap
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -30,7 +32,7 @@ from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parents[2]
 ROOTS = ("mmi", "viewer", "citygen")
-ASKED = re.compile(r"^<!-- (schema|help|packages|file) (\S+) -->$", re.MULTILINE)
+ASKED = re.compile(r"^<!-- (schema|help|packages|file|example) (\S+) -->$", re.MULTILINE)
 ROLE = re.compile(r":(?:func|class|meth|mod|data|attr|exc):<code>~?([\w.]+)</code>")
 
 
@@ -52,7 +54,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:  # noqa: ARG001
     """What a page asks for stands in the comment's place."""
-    makers = {"schema": _schema, "help": _help, "packages": _package_list, "file": _other_file}
+    makers = {"schema": _schema, "help": _help, "packages": _package_list, "file": _other_file, "example": _example}
     return ASKED.sub(lambda found: makers[found[1]](found[2]), markdown)
 
 
@@ -80,15 +82,8 @@ def _docstring(path: Path) -> str:
 
 def _api_page(name: str) -> str:
     folder = ROOT.joinpath(*name.split("."))
-    lines = [
-        f"# {name}",
-        "",
-        f"::: {name}",
-        "    options:",
-        "      heading_level: 2",
-        "      show_root_toc_entry: false",
-        "",
-    ]
+    lines = [f"# {name}", "", f"::: {name}", "    options:"]
+    lines += ["      show_root_heading: false", "      show_root_toc_entry: false", ""]
     if name.count(".") == 0 and not _public_names(folder):
         lines.insert(-1, "      members: false")
     for path in sorted(folder.glob("*.py")):
@@ -114,12 +109,12 @@ def _package_list(root: str) -> str:
 
 
 def _help(program: str) -> str:
-    """What ``program --help`` prints, in a block."""
+    """What ``program --help`` prints, in a block that opens when asked to."""
     scripts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
     module, _, name = scripts[program].partition(":")
     printed = io.StringIO()
     before = os.environ.get("COLUMNS")
-    os.environ["COLUMNS"] = "96"
+    os.environ["COLUMNS"] = "88"
     try:
         with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
             getattr(importlib.import_module(module), name)(["--help"])
@@ -128,12 +123,17 @@ def _help(program: str) -> str:
             del os.environ["COLUMNS"]
         else:
             os.environ["COLUMNS"] = before
-    return f"```text\n{printed.getvalue().rstrip()}\n```"
+    block = f"```text\n{printed.getvalue().rstrip()}\n```"
+    return f'??? note "All options, as `{program} --help` prints them"\n\n{textwrap.indent(block, "    ")}\n'
 
 
 def _other_file(name: str) -> str:
     """Another Markdown file, without its title; its links into the documentation lead to pages of the site."""
     return re.sub(r"\A# .*\n", "", (ROOT / name).read_text(encoding="utf-8")).replace("](docs/", "](")
+
+
+def _example(name: str) -> str:
+    return f"```python\n{(ROOT / name).read_text(encoding='utf-8').rstrip()}\n```"
 
 
 # Schemas ---------------------------------------------------------------------------------------------------------------
