@@ -19,7 +19,7 @@ CELL = np.array([[-10, -7], [10, -7], [10, 7], [-10, 7]])
 
 
 def main() -> None:
-    figure, axes = plt.subplots(1, 2, figsize=(11, 3.4), sharey=True, layout="constrained")
+    figure, axes = plt.subplots(1, 2, figsize=(8.5, 2.6), sharey=True, layout="constrained")
     for axis, title in zip(axes, ("within one object", "between two objects of a layer"), strict=True):
         axis.add_patch(Polygon(CELL, color="#56b4e9", alpha=0.35, lw=0))
         axis.add_patch(Polygon(FRONT, color="#999999"))
@@ -28,7 +28,7 @@ def main() -> None:
         axis.annotate("C", C, (-3.4, 0.8))
         axis.annotate("M", M, (0.4, -6.0))
         axis.set_aspect("equal")
-        axis.set_title(title, fontsize=10)
+        axis.set_title(title, fontsize=12)
         axis.set_axis_off()
         axis.set_xlim(-12, 72)
         axis.set_ylim(-9, 13)
@@ -41,7 +41,7 @@ def main() -> None:
     x = M + (x - M) * (58.0 - M[0]) / (42.0 - M[0])
     axes[1].plot([58, 58], [-58.0 / 30.0, x[1]], color="#d55e00", lw=3)
     _rays(axes[1], C + (x - C) * 30.0 / 58.0, x)
-    figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "bound.png", dpi=130)
+    figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "bound.png", dpi=130, bbox_inches="tight")
     plt.close(figure)
     if len(sys.argv) > 2:
         strips(sys.argv[2])
@@ -49,7 +49,7 @@ def main() -> None:
 
 def strips(path: str) -> None:
     """A row of houses whose fronts face just away from C: each is missed by less than the threshold, the row by more."""
-    figure, axis = plt.subplots(figsize=(11, 3.2), layout="constrained")
+    figure, axis = plt.subplots(figsize=(8.5, 2.4), layout="constrained")
     axis.add_patch(Polygon(CELL, color="#56b4e9", alpha=0.35, lw=0))
     for k in range(4):
         left = 26.0 + 11.0 * k
@@ -65,7 +65,7 @@ def strips(path: str) -> None:
     axis.set_axis_off()
     axis.set_xlim(-12, 72)
     axis.set_ylim(-9, 11)
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=110, bbox_inches="tight")
     plt.close(figure)
 
 

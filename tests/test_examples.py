@@ -2,6 +2,7 @@
 
 import importlib
 import importlib.util
+import re
 from pathlib import Path
 
 import numpy as np
@@ -109,3 +110,15 @@ def test_an_example_is_short_enough_to_learn_from(path):
 
 def test_there_are_examples():
     assert len(list(EXAMPLES.glob("*.py"))) >= 3
+
+
+def test_the_first_stages_become_pictures(capsys, tmp_path):
+    pictures = tmp_path / "cells.png", tmp_path / "visibility.png"
+    load("stages_in_pictures").main(HELSINKI, *pictures)
+    found = re.match(r"(\d+) cells; from 0355-00 in Fabianinkatu, (\d+) of (\d+) objects", capsys.readouterr().out)
+    cells, seen, objects = map(int, found.groups())
+    assert cells > 1000
+    assert 19 < seen < objects / 2, "a street, not a square"
+    for path in pictures:
+        with Image.open(path) as picture:
+            assert len(picture.convert("RGB").getcolors(1 << 20)) > 4

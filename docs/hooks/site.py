@@ -33,6 +33,8 @@ from mkdocs.structure.pages import Page
 ROOT = Path(__file__).resolve().parents[2]
 ROOTS = ("mmi", "viewer", "citygen")
 ASKED = re.compile(r"^<!-- (schema|help|packages|file|example) (\S+) -->$", re.MULTILINE)
+INLINE = re.compile(r"<code>[^<\n]*</code>")
+OPTION = re.compile(r"(?<=[>\s])--[a-z][a-z-]*")
 ROLE = re.compile(r":(?:func|class|meth|mod|data|attr|exc):<code>~?([\w.]+)</code>")
 
 
@@ -59,13 +61,16 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
 
 
 def on_page_content(html: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:  # noqa: ARG001
-    """Sphinx roles become links where their target has a place on the site, and plain names elsewhere."""
+    """Sphinx roles become links where their target has a place on the site, and options do not break at their hyphens."""
 
     def link(found: re.Match[str]) -> str:
         name = found[1]
         return f'<autoref optional identifier="{name}"><code>{name.rsplit(".", 1)[-1]}</code></autoref>'
 
-    return ROLE.sub(link, html)
+    def whole(found: re.Match[str]) -> str:
+        return OPTION.sub(r'<span class="option">\g<0></span>', found[0])
+
+    return INLINE.sub(whole, ROLE.sub(link, html))
 
 
 # Packages --------------------------------------------------------------------------------------------------------------
