@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from test_architecture import FLOORS
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = {
@@ -135,6 +136,12 @@ def test_what_pages_ask_the_hook_for_exists():
             r"^<!-- (schema|help|packages|file|example) (\S+) -->$", text_of(name), re.MULTILINE
         ):
             assert what in PROJECT["scripts"] if kind == "help" else (ROOT / what).exists(), f"{name}: {what}"
+
+
+def test_the_floors_are_those_that_hold():
+    table = text_of("docs/contributing.md").split("| floor of `mmi`", 1)[1].split("\n\n", 1)[0].splitlines()[2:]
+    told = [" ".join(re.findall(r"`(\w+)`", row.split("|")[2])) for row in table]
+    assert [set(row.split()) for row in told] == [set(row.split()) for row in FLOORS["mmi"]]
 
 
 @pytest.mark.parametrize("name", PAGES)

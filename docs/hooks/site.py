@@ -198,7 +198,7 @@ def _resolved(value: Mapping[str, Any], schema: Mapping[str, Any]) -> Mapping[st
         return value
     found: Any = schema
     for key in reference.removeprefix("#/").split("/"):
-        found = found[key]
+        found = found.get(key, {})  # a definition of another schema: its table is there
     return {**found, **{key: one for key, one in value.items() if key != "$ref"}}
 
 
@@ -207,6 +207,8 @@ def _kind(value: Mapping[str, Any], schema: Mapping[str, Any]) -> str:
     if "$ref" in value:
         name = value["$ref"].rsplit("/", 1)[-1]
         target = _resolved({"$ref": value["$ref"]}, schema)
+        if not target:
+            return f"[{name}](manifest.md#{name})"
         return f"[{name}](#{name})" if "properties" in target else _kind(target, schema)
     if "const" in value:
         return f"`{json.dumps(value['const'])}`"
