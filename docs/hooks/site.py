@@ -219,7 +219,7 @@ def _kind(value: Mapping[str, Any], schema: Mapping[str, Any]) -> str:
     kinds = value.get("type", "any")
     kinds = kinds if isinstance(kinds, list) else [kinds]
     words = {"array": _list_kind(value, schema), "object": "object", "null": "null"}
-    return " or ".join(words.get(kind, kind) for kind in kinds)
+    return " or ".join(str(words.get(kind, kind)) for kind in kinds)
 
 
 def _list_kind(value: Mapping[str, Any], schema: Mapping[str, Any]) -> str:
