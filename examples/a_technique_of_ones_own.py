@@ -11,11 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mmi.foundation.camera import View
+from mmi import View
 from mmi.foundation.plug_ins import plug_in
-from viewer.plan import Budget, Objects, Plan, Sky
-from viewer.report.compare import CompareOptions, compare_views
-from viewer.scene.scene import WalkScene
+from viewer import Budget, CompareOptions, Objects, Plan, Sky, WalkScene, compare_views
 
 
 class Within:

@@ -9,13 +9,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from mmi.dataset.reading import open_dataset
-from viewer.cells.scene_cache import cell_cache
-from viewer.drawing.renderer import Renderer
-from viewer.runtime.loop import FrameLoop
-from viewer.scene.scene import open_scene
-from viewer.techniques.catalogue import make_technique
-from viewer.walks.walk import Keyframe, Pose, Walk
+from mmi import open_dataset
+from viewer import FrameLoop, Keyframe, Pose, Renderer, Walk, cell_cache, make_technique, open_scene
 
 
 def main(folder: Path, picture: Path) -> list:

@@ -7,10 +7,7 @@ import math
 import sys
 from pathlib import Path
 
-from mmi.building.dataset import BuildSummary, build_dataset
-from mmi.foundation.camera import Camera
-from mmi.planning.parameters import BuildParameters
-from mmi.reading.read_city import read_city
+from mmi import BuildParameters, BuildSummary, Camera, build_dataset, read_city
 
 
 def main(source: Path, out: Path, *, max_cells: int = 8) -> BuildSummary:

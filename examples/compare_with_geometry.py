@@ -6,7 +6,7 @@ python examples/compare_with_geometry.py out/helsinki out/comparison
 import sys
 from pathlib import Path
 
-from viewer.report.compare import CompareOptions, compare_views
+from viewer import CompareOptions, compare_views
 
 
 def main(dataset: Path, out: Path, *, views: int = 12) -> dict:

@@ -12,11 +12,11 @@ from shapely.geometry import Point
 
 from citygen.generate import generate
 from citygen.presets import PRESETS
+from mmi import Camera
 from mmi.appearance.city_mesh import build_city_mesh
 from mmi.appearance.ground_mesh import ground_mesh
-from mmi.foundation.camera import Camera, view_towards
-from viewer.drawing.renderer import Renderer
-from viewer.plan import Ground, Objects, Plan, Sky
+from mmi.foundation.camera import view_towards
+from viewer import Ground, Objects, Plan, Renderer, Sky
 
 CAMERA = Camera(480, 320, math.radians(65.0))
 

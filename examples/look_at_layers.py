@@ -9,9 +9,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from mmi.dataset.cell_files import read_impostor
-from mmi.dataset.reading import open_dataset
-from mmi.inspection.inspect import typical_cell
+from mmi import open_dataset, read_impostor, typical_cell
 
 
 def main(folder: Path, picture: Path) -> None:

@@ -3,10 +3,7 @@
 import networkx as nx
 from shapely import LineString, box
 
-from mmi.cells.viewing_cells import viewing_cells
-from mmi.city.model import City, CityObject, Prism
-from mmi.planning.parameters import BuildParameters
-from mmi.planning.plan import CellPlan, plan_cell, prepare_city
+from mmi import BuildParameters, CellPlan, City, CityObject, Prism, plan_cell, prepare_city, viewing_cells
 
 
 def main() -> CellPlan:

@@ -11,14 +11,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from mmi.capture.layer_values import Layer
-from mmi.dataset.cell_files import read_impostor
-from mmi.dataset.reading import open_dataset
+from mmi import BuildParameters, Layer, open_dataset, plan_cell, prepare_city, read_impostor, typical_cell
 from mmi.inspection.figures import layer_style, new_figure, save
-from mmi.inspection.inspect import typical_cell
 from mmi.inspection.maps import birds_eye
-from mmi.planning.parameters import BuildParameters
-from mmi.planning.plan import plan_cell, prepare_city
 
 
 def depths_of_layers(layers: Sequence[Layer]) -> Figure:

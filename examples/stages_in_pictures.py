@@ -16,9 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from shapely.geometry.base import BaseGeometry
 
-from mmi.cells.viewing_cells import ViewingCell, viewing_cells
-from mmi.city.model import City
-from mmi.reading.read_city import read_city
+from mmi import City, ViewingCell, read_city, viewing_cells
 from mmi.visibility.horizon import horizon_extractor, prepare_horizon
 from mmi.visibility.selection import everything
 

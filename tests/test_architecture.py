@@ -144,7 +144,7 @@ def missing_charter(_name, tree):
 def bound_names(tree):
     """Names that the module's top level defines, and those that it imports."""
     defined, brought = set(), set()
-    for node in tree.body:
+    for node in [*tree.body, *(one for branch in tree.body if isinstance(branch, ast.If) for one in branch.body)]:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
             defined.add(node.name)
         elif isinstance(node, ast.Assign | ast.AnnAssign):

@@ -1,1 +1,79 @@
-"""Walking through a dataset of multi-mesh impostors, and measuring what a viewer sees."""
+"""Walking through a dataset of multi-mesh impostors, and measuring what a viewer sees.
+
+Compare techniques with the geometry (:func:`compare_views`, :func:`compare_walk`), or put a walk together: a scene
+(:func:`open_scene`), a technique (:func:`make_technique`), a cache (:func:`cell_cache`), a :class:`Renderer`, and the
+:class:`FrameLoop`. The packages, from the ground up: plan, walks, scene, cells, techniques, drawing, measuring, runtime,
+report, programs.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from mmi.foundation.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from viewer.cells.scene_cache import cell_cache
+    from viewer.drawing.renderer import Renderer
+    from viewer.plan import Budget, CellKey, CellLayers, Draw, Ground, Objects, Plan, Sky, Technique
+    from viewer.report.compare import compare_views, compare_walk
+    from viewer.report.options import CompareOptions
+    from viewer.runtime.loop import FrameLoop, FrameTimes
+    from viewer.scene.scene import WalkScene, open_scene
+    from viewer.techniques.catalogue import TECHNIQUES, make_technique
+    from viewer.walks.random_views import random_views
+    from viewer.walks.tour import tour
+    from viewer.walks.walk import Keyframe, Pose, Walk, read_walk, write_walk
+
+__all__ = [
+    "TECHNIQUES",
+    "Budget",
+    "CellKey",
+    "CellLayers",
+    "CompareOptions",
+    "Draw",
+    "FrameLoop",
+    "FrameTimes",
+    "Ground",
+    "Keyframe",
+    "Objects",
+    "Plan",
+    "Pose",
+    "Renderer",
+    "Sky",
+    "Technique",
+    "Walk",
+    "WalkScene",
+    "cell_cache",
+    "compare_views",
+    "compare_walk",
+    "make_technique",
+    "open_scene",
+    "random_views",
+    "read_walk",
+    "tour",
+    "write_walk",
+]
+
+_HOMES = MappingProxyType(
+    {
+        "viewer.cells.scene_cache": ("cell_cache",),
+        "viewer.drawing.renderer": ("Renderer",),
+        "viewer.plan": ("Budget", "CellKey", "CellLayers", "Draw", "Ground", "Objects", "Plan", "Sky", "Technique"),
+        "viewer.report.compare": ("compare_views", "compare_walk"),
+        "viewer.report.options": ("CompareOptions",),
+        "viewer.runtime.loop": ("FrameLoop", "FrameTimes"),
+        "viewer.scene.scene": ("WalkScene", "open_scene"),
+        "viewer.techniques.catalogue": ("TECHNIQUES", "make_technique"),
+        "viewer.walks.random_views": ("random_views",),
+        "viewer.walks.tour": ("tour",),
+        "viewer.walks.walk": ("Keyframe", "Pose", "Walk", "read_walk", "write_walk"),
+    }
+)
+
+__getattr__ = lazy_names("viewer", _HOMES)
+
+
+def __dir__() -> list[str]:
+    return __all__
