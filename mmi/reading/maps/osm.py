@@ -2,12 +2,17 @@
 
 Two passes over the file: relations first (which ways do they need?), then ways with the places of their nodes. Rings of
 multipolygons are joined here, by node id, because an extract cuts relations at its edge: rings that close are used, and
-what is missing is counted by reason, which an area assembler that only skips cannot tell.
+what is missing is counted by reason, which an area assembler that only skips cannot tell. Files that an editor saved (JOSM)
+may hold new objects, whose ids are negative, and deleted ones.
 Tags: https://wiki.openstreetmap.org/wiki/Simple_3D_Buildings.
 """
 
 from __future__ import annotations
 
+import bz2
+import gzip
+import re
+import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +38,10 @@ _STREET_TAGS = (
     "highway", "name", "width", "lanes", "tunnel", "bridge", "layer", "covered", "indoor", "access", "foot", "motor_vehicle",
     "footway", "area",
 )  # fmt: skip
+# Elements of OpenStreetMap's XML with their attributes, and what an editor writes there.
+_ELEMENT = re.compile(rb"""<(way|relation)((?:\s+[\w:]+\s*=\s*(?:"[^"]*"|'[^']*'))+)\s*/?>""")
+_ID = re.compile(rb"""\sid=["'](-?\d+)["']""")
+_DELETE = re.compile(rb"""\saction=["']delete["']""")
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +78,12 @@ def read_osm(path: Path, ledger: Ledger, *, buildings: bool, streets: bool) -> t
         CityError: the file cannot be read to its end.
     """
     try:
-        relations, members = _read_relations(path, ledger, buildings=buildings, streets=streets)
-        ways, raw_buildings, raw_streets = _read_ways(path, ledger, members, buildings=buildings, streets=streets)
-    except (osmium.InvalidLocationError, RuntimeError, ValueError) as error:  # whatever osmium throws
+        deleted = _deleted(path)
+        relations, members = _read_relations(path, ledger, deleted, buildings=buildings, streets=streets)
+        ways, raw_buildings, raw_streets = _read_ways(
+            path, ledger, members, deleted, buildings=buildings, streets=streets
+        )
+    except (osmium.InvalidLocationError, RuntimeError, ValueError, EOFError, zlib.error) as error:  # osmium throws many
         raise CityError(f"{path}: expected OpenStreetMap XML or PBF, complete to its end; found: {error}") from error
     assembled: list[RawBuilding] = []
     outlines: set[int] = set()
@@ -112,8 +124,33 @@ def _is_building(tags: Mapping[str, str]) -> bool:
     return "building" in tags or (tags.get("building:part") or "no") != "no"
 
 
+def _deleted(path: Path) -> frozenset[str]:
+    """``way/1`` and ``relation/2`` that an editor marked as deleted (XML only: PBF cannot say it)."""
+    suffix = path.suffix.lower()
+    if suffix == ".pbf":
+        return frozenset()
+    opener: Any = {".gz": gzip.open, ".bz2": bz2.open}.get(suffix, open)
+    with opener(path, "rb") as file:
+        tail, found = b"", False
+        while not found and (block := file.read(1 << 20)):
+            found = _DELETE.search(tail + block) is not None
+            tail = block[-64:]
+        if not found:
+            return frozenset()
+        file.seek(0)
+        elements = _ELEMENT.findall(file.read())
+    ids = ((kind, _ID.search(attributes)) for kind, attributes in elements if _DELETE.search(attributes))
+    return frozenset(f"{kind.decode()}/{int(id_.group(1))}" for kind, id_ in ids if id_ is not None)
+
+
+def _new_nodes(path: Path) -> dict[int, tuple[float, float]]:
+    """(longitude, latitude) of nodes with negative ids, for which osmium's table of places has no room."""
+    nodes = (node for node in _entities(path, osmium.osm.NODE) if node.id < 0 and node.location.valid())
+    return {node.id: (node.location.lon, node.location.lat) for node in nodes}
+
+
 def _read_relations(
-    path: Path, ledger: Ledger, *, buildings: bool, streets: bool
+    path: Path, ledger: Ledger, deleted: frozenset[str], *, buildings: bool, streets: bool
 ) -> tuple[list[_Relation], frozenset[int]]:
     """Building relations that are areas, and the ids of all ways that they need."""
     relations: list[_Relation] = []
@@ -126,6 +163,9 @@ def _read_relations(
         if not buildings or not _is_building(relation.tags):
             continue
         ledger.note("read", "buildings" if "building" in relation.tags else "building parts")
+        if id_ in deleted:
+            ledger.note("left out", "building: deleted in an editor", id_)
+            continue
         kind = relation.tags.get("type", "")
         if kind not in {"multipolygon", "boundary"}:
             ledger.note("left out", f"building: relation of type {kind or 'none'}, only groups others", id_)
@@ -141,7 +181,13 @@ def _read_relations(
 
 
 def _read_ways(
-    path: Path, ledger: Ledger, members: frozenset[int], *, buildings: bool, streets: bool
+    path: Path,
+    ledger: Ledger,
+    members: frozenset[int],
+    deleted: frozenset[str],
+    *,
+    buildings: bool,
+    streets: bool,
 ) -> tuple[dict[int, _Way], list[tuple[int, _Way, dict[str, str]]], list[RawStreet]]:
     """Member ways by id; building ways as (id, way, tags); streets."""
     ways: dict[int, _Way] = {}
@@ -151,23 +197,33 @@ def _read_ways(
     places = osmium.index.create_map("flex_mem")
     for _ in _entities(path, osmium.osm.NOTHING, places):
         pass
+    new: dict[int, tuple[float, float]] | None = None
     for way in _entities(path, osmium.osm.WAY, places):
         is_building = buildings and _is_building(way.tags)
         is_street = streets and "highway" in way.tags
         if not (is_building or is_street or way.id in members):
             continue
-        found = _Way(
-            tuple(node.ref for node in way.nodes),
-            tuple((node.location.lon, node.location.lat) if node.location.valid() else None for node in way.nodes),
-        )
+        id_ = f"way/{way.id}"
+        if is_building:
+            ledger.note("read", "buildings" if "building" in way.tags else "building parts")
+        if is_street:
+            ledger.note("read", "highways")
+        if id_ in deleted:
+            for kind, is_kind in (("building", is_building), ("street", is_street)):
+                ledger.note("left out", f"{kind}: deleted in an editor", id_, count=int(is_kind))
+            continue
+        refs = tuple(node.ref for node in way.nodes)
+        located = tuple((node.location.lon, node.location.lat) if node.location.valid() else None for node in way.nodes)
+        if refs and min(refs) < 0:
+            new = _new_nodes(path) if new is None else new
+            located = tuple(new.get(ref, place) for ref, place in zip(refs, located, strict=True))
+        found = _Way(refs, located)
         if way.id in members:
             ways[way.id] = found
         if is_building:
-            ledger.note("read", "buildings" if "building" in way.tags else "building parts")
             outlines.append((way.id, found, _tags_of(way.tags, _BUILDING_TAGS)))
         if is_street:
-            ledger.note("read", "highways")
-            street = _street_from_way(f"way/{way.id}", found, _tags_of(way.tags, _STREET_TAGS), ledger)
+            street = _street_from_way(id_, found, _tags_of(way.tags, _STREET_TAGS), ledger)
             if street is not None:
                 raw_streets.append(street)
     return ways, outlines, raw_streets

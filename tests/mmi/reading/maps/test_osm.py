@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import gzip
+
 import pytest
+from cities import real
 from city_files import OsmFile
 from hypothesis import given
 from hypothesis import strategies as st
@@ -284,3 +287,76 @@ def test_rings_are_joined_from_any_pieces(sizes, random):
     assert left_over == 0
     assert sorted(len(ring) - 1 for ring in rings) == sorted(sizes)
     assert all(ring[0] == ring[-1] and len(set(ring)) == len(ring) - 1 for ring in rings)
+
+
+def josm(path, text):
+    """A file as JOSM saves it: new objects have negative ids, the apostrophe is its quotation mark."""
+    text = f"<?xml version='1.0' encoding='UTF-8'?>\n<osm version='0.6' generator='JOSM'>{text}</osm>"
+    if path.suffix == ".gz":
+        path.write_bytes(gzip.compress(text.encode()))
+    else:
+        path.write_text(text)
+    return path
+
+
+def node(number, x, y):
+    return f"<node id='{number}' action='modify' visible='true' lat='{48.0 + y * 1e-4}' lon='{9.0 + x * 1e-4}'/>"
+
+
+def way(number, nodes, tags, action=""):
+    refs = "".join(f"<nd ref='{one}'/>" for one in nodes)
+    own = "".join(f"<tag k='{key}' v='{value}'/>" for key, value in tags.items())
+    return f"<way id='{number}' user='a>b'{action} visible='true'>{refs}{own}</way>"
+
+
+HOUSE = {"building": "yes", "height": "9"}
+GONE = " action='delete'"
+
+
+def edited():
+    corners = [(1, 1), (2, 1), (2, 2), (1, 2)]
+    return "".join(
+        [
+            *(node(k + 1, x, y) for k, (x, y) in enumerate(corners)),
+            *(node(-k - 1, x + 3, y) for k, (x, y) in enumerate(corners)),
+            node(-11, 0, 0),
+            node(12, 9, 0),
+            way(1, [1, 2, 3, 4, 1], HOUSE),
+            way(-1, [-1, -2, -3, -4, -1], HOUSE),
+            way(2, [1, 2, 3, 1], HOUSE, GONE),
+            way(3, [-11, 12], {"highway": "residential"}),
+            way(-3, [-11, 1], {"highway": "residential"}, GONE),
+            f"<relation id='-7'{GONE}><member type='way' ref='1' role='outer'/><tag k='type' v='multipolygon'/>"
+            "<tag k='building' v='yes'/></relation>",
+        ]
+    )
+
+
+@pytest.mark.parametrize("name", ["edited.osm", "edited.osm.gz"])
+def test_what_an_editor_saved(tmp_path, name):
+    city, report = read_city(josm(tmp_path / name, edited()))
+    assert [one.id for one in city.objects] == ["way/1", "way/-1"]
+    assert city.objects[0].footprint.area == pytest.approx(city.objects[1].footprint.area, rel=0.01)
+    assert kinds(city) == ["residential"]
+    assert {one.what: (one.count, one.examples) for one in report.left_out} == {
+        "building: deleted in an editor": (2, ("relation/-7", "way/2")),
+        "street: deleted in an editor": (1, ("way/-3",)),
+    }
+    assert tally(report, "read", "buildings") == 4
+
+
+def test_a_compressed_file_that_is_cut_off_is_refused(tmp_path):
+    path = josm(tmp_path / "edited.osm.gz", edited())
+    path.write_bytes(path.read_bytes()[:-40])
+    with pytest.raises(CityError):
+        read_city(path)
+
+
+@pytest.mark.parametrize(("name", "gone"), [("city", []), ("deleted", ["way/-1001"]), ("edited", ["way/1001"])])
+def test_reported_files_of_an_editor(name, gone):
+    city, report = read_city(real("reports") / f"josm-negative-ids/{name}.osm")
+    new = [one for one in city.objects if one.id == "way/-200"]
+    assert len(city.objects) == 8 - len(gone) + len(new)
+    assert [one.top for one in new] == ([25.0] if name == "edited" else [])
+    assert city.streets.number_of_edges() == 1
+    assert [example for one in report.left_out for example in one.examples] == gone
