@@ -47,6 +47,8 @@ _DRIVE = frozenset({
     "tertiary_link", "unclassified", "residential", "living_street", "road", "street",
 })  # fmt: skip
 _NO_WALK = frozenset({"motorway", "motorway_link"})
+_BARRED = frozenset({"no", "private"})
+_ALLOWED = frozenset({"yes", "designated", "permissive"})
 _WALK_IF_ALLOWED = frozenset({"cycleway", "trunk", "trunk_link"})
 _NO_STREETS = frozenset(
     {"construction", "corridor", "crossing", "elevator", "platform", "proposed", "raceway", "rest_area", "services"}
@@ -95,17 +97,19 @@ def refusal(tags: dict[str, str], network: str, *, osm: bool) -> str | None:
         return "covered or indoors"
     if tags.get("layer", "").startswith("-") and tags["layer"].strip("-0. "):
         return "below the ground (negative layer)"
-    if tags.get("access", "").lower() in {"private", "no"}:
-        return f"access={tags['access'].lower()}"
-    drive = kind in _DRIVE and tags.get("motor_vehicle", "").lower() not in {"no", "private"}
-    on_foot = tags.get("foot", "").lower()
-    walk = kind not in _NO_WALK and on_foot not in {"no", "private", "use_sidepath"}
-    if kind in _WALK_IF_ALLOWED and on_foot not in {"yes", "designated", "permissive"}:
+    # The tag of one kind of traffic says more than ``access``, which is for all of them.
+    access, by_car, on_foot = (tags.get(key, "").lower() for key in ("access", "motor_vehicle", "foot"))
+    barred = access in _BARRED
+    drive = kind in _DRIVE and by_car not in _BARRED and (by_car in _ALLOWED or not barred)
+    walk = kind not in _NO_WALK and on_foot not in {*_BARRED, "use_sidepath"}
+    if (barred or kind in _WALK_IF_ALLOWED) and on_foot not in _ALLOWED:
         walk = False
     if kind == "footway" and tags.get("footway", "").lower() in {"sidewalk", "crossing"}:
         walk = False  # the street beside or below is walked instead
     used = {"drive": drive, "walk": walk, "all": drive or walk}[network]
-    return None if used else f"not for --network {network}"
+    if used:
+        return None
+    return f"access={access}" if barred else f"not for --network {network}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from mmi.foundation.errors import CityError
 from mmi.reading.maps.osm import join_rings
+from mmi.reading.maps.streets import refusal
 from mmi.reading.read_city import read_city
 from mmi.reading.read_options import ReadOptions
 
@@ -360,3 +361,36 @@ def test_reported_files_of_an_editor(name, gone):
     assert [one.top for one in new] == ([25.0] if name == "edited" else [])
     assert city.streets.number_of_edges() == 1
     assert [example for one in report.left_out for example in one.examples] == gone
+
+
+@pytest.mark.parametrize(
+    ("tags", "drive", "walk"),
+    [
+        ({"highway": "residential"}, True, True),
+        ({"highway": "residential", "access": "no"}, False, False),
+        ({"highway": "residential", "access": "private", "foot": "yes"}, False, True),
+        ({"highway": "residential", "access": "no", "foot": "designated"}, False, True),
+        ({"highway": "residential", "access": "no", "foot": "no"}, False, False),
+        ({"highway": "residential", "access": "no", "motor_vehicle": "yes"}, True, False),
+        ({"highway": "residential", "access": "no", "motor_vehicle": "private", "foot": "permissive"}, False, True),
+        ({"highway": "motorway", "access": "no", "foot": "yes"}, False, False),
+        ({"highway": "cycleway", "access": "no", "foot": "yes"}, False, True),
+        ({"highway": "footway", "access": "customers"}, False, True),
+    ],
+)
+def test_the_tag_of_one_kind_of_traffic_goes_before_access(tags, drive, walk):
+    found = {network: refusal(tags, network, osm=True) for network in ("drive", "walk", "all")}
+    assert {network: reason is None for network, reason in found.items()} == {
+        "drive": drive,
+        "walk": walk,
+        "all": drive or walk,
+    }
+    if tags.get("access") in {"no", "private"}:
+        assert set(found.values()) <= {None, f"access={tags['access']}"}
+
+
+def test_reported_access_with_foot():
+    city, report = read_city(real("reports") / "walk-access-no-foot-yes/city.osm", ReadOptions(network="walk"))
+    names = {edge["name"] for _, _, edge in city.streets.edges(data=True)}
+    assert names == {"Precinct", "Park path", "Free"}
+    assert [(one.what, one.count) for one in report.left_out] == [("street: access=no", 1)]
