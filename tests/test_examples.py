@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from cities import HELSINKI
 from PIL import Image
 
+from mmi.dataset.cell_files import read_impostor
 from mmi.dataset.reading import open_dataset
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
@@ -88,6 +90,22 @@ def test_a_technique_of_ones_own_is_compared(built, capsys, tmp_path, monkeypatc
     assert wrong == sorted(wrong), "the more is drawn the less is wrong"
     assert wrong[0] < wrong[1] < wrong[2]
     assert "within 100 m " in capsys.readouterr().out
+
+
+def test_a_weight_of_ones_own_is_used_by_workers_and_recorded(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(EXAMPLES)  # as for a script that is run, or PYTHONPATH
+    own = importlib.import_module("a_weight_of_ones_own")
+    assert own.main(HELSINKI, tmp_path / "own", max_cells=2, workers=2).built == 2
+    dataset = open_dataset(tmp_path / "own")
+    assert dataset.manifest.parameters.weights == "a_weight_of_ones_own:apart@1"
+    assert [cell.promised_error_px for cell in dataset.manifest.cells] == [None, None]
+    city = dataset.city()
+    for cell in dataset.manifest.cells:
+        impostor = read_impostor(dataset, cell.id, city)
+        away = {i: city.objects[i].footprint.distance(shapely.Point(impostor.cell.reference[:2])) for i in impostor.far}
+        for index in {layer.index for layer in impostor.layers}:
+            shared = [away[int(i)] for layer in impostor.layers if layer.index == index for i in layer.objects]
+            assert max(shared) <= 2.0 * min(shared) * (1.0 + 1e-9)
 
 
 def test_own_buildings_are_near_in_layers_or_hidden(capsys):

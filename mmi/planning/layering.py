@@ -27,6 +27,7 @@ from shapely.geometry.base import BaseGeometry
 
 from mmi.city.model import CityObject
 from mmi.foundation.errors import ParameterError
+from mmi.planning.choices import LAYERINGS, Choice, blaming, choose, function_of
 
 __all__ = [
     "Layers",
@@ -34,12 +35,16 @@ __all__ = [
     "boxes_of",
     "event_graph",
     "layer_area",
+    "layers_best",
+    "layers_dsatur",
     "layers_greedy",
     "layers_incremental",
+    "layers_largest_first",
+    "layers_single",
+    "layers_smallest_last",
     "panorama_boxes",
 ]
 
-_GREEDY = ("dsatur", "largest-first", "smallest-last")
 _TRIED = ("incremental", "largest-first", "smallest-last", "dsatur")
 """What "best" tries; benchmarks/layers.py compares them with an exact colouring."""
 _CLOSEST = 1e-3
@@ -84,36 +89,60 @@ def event_graph(
 
 
 def assign_layers(
-    graph: nx.Graph, boxes: NDArray[np.float64], *, strategy: str = "best"
+    graph: nx.Graph, boxes: NDArray[np.float64], *, strategy: str | Choice = "best"
 ) -> tuple[NDArray[np.int64], ...]:
     """The graph's nodes divided into layers: sorted arrays, the layer with the smallest node first.
 
-    ``boxes`` (n, 4) are the nodes' boxes in the panorama, in the graph's node order. ``strategy`` is ``incremental`` (the
-    paper's), ``dsatur``, ``largest-first``, ``smallest-last`` (greedy colourings), or ``best``: of all these the
-    one with the fewest layers, then the smallest total area of the layers' boxes. ``single`` ignores edges: one layer of
-    all nodes (none where there are no nodes).
-    Raises ParameterError for any other strategy.
+    ``boxes`` (n, 4) are the nodes' boxes in the panorama, in the graph's node order. ``strategy`` is a layering of
+    :data:`mmi.planning.choices.LAYERINGS` or a function of one's own, which takes graph and boxes and returns arrays of nodes.
+
+    Raises ParameterError for an unknown strategy, and where a function of one's own fails or does not put each node into one
+    layer.
     """
-    if strategy == "best":
-        candidates = [assign_layers(graph, boxes, strategy=name) for name in _TRIED]
-        row = {node: i for i, node in enumerate(graph)}
+    chosen = strategy if isinstance(strategy, Choice) else choose(LAYERINGS, strategy, what="layering")
+    with blaming(chosen, what="layering"):
+        layers = [np.asarray(layer) for layer in function_of(chosen)(graph, boxes)]
+        nodes = np.sort(np.concatenate([np.empty(0, dtype=np.int64), *layers])).tolist()
+    if nodes != sorted(graph):
+        raise ParameterError(
+            f"layering {chosen.name}: each of {len(graph)} objects in one layer expected, found {len(set(nodes))} in "
+            f"{len(layers)} layers, {len(nodes)} entries"
+        )
+    filled = (np.sort(layer.astype(np.int64)) for layer in layers if layer.size)
+    return tuple(sorted(filled, key=lambda layer: int(layer[0])))
 
-        def cost(layers: tuple[NDArray[np.int64], ...]) -> tuple[int, float]:
-            # Areas that differ by rounding are equal: turning the city must not decide.
-            area = sum(layer_area(boxes[[row[int(node)] for node in layer]]) for layer in layers)
-            return len(layers), round(area, 9)
 
-        return min(candidates, key=cost)
-    if strategy == "incremental":
-        layers = layers_incremental(graph, boxes)
-    elif strategy == "single":
-        layers = [np.array(graph, dtype=np.int64)] if len(graph) else []
-    elif strategy in _GREEDY:
-        layers = layers_greedy(graph, strategy)
-    else:
-        names = ", ".join(["best", "incremental", *_GREEDY, "single"])
-        raise ParameterError(f"a layering strategy is one of {names}; found {strategy!r}")
-    return tuple(sorted((np.sort(layer) for layer in layers), key=lambda layer: int(layer[0])))
+def layers_best(graph: nx.Graph, boxes: NDArray[np.float64]) -> tuple[NDArray[np.int64], ...]:
+    """Of the other colourings, the one with the fewest layers, then the smallest total area of the layers' boxes."""
+    candidates = [assign_layers(graph, boxes, strategy=name) for name in _TRIED]
+    row = {node: i for i, node in enumerate(graph)}
+
+    def cost(layers: tuple[NDArray[np.int64], ...]) -> tuple[int, float]:
+        # Areas that differ by rounding are equal: turning the city must not decide.
+        area = sum(layer_area(boxes[[row[int(node)] for node in layer]]) for layer in layers)
+        return len(layers), round(area, 9)
+
+    return min(candidates, key=cost)
+
+
+def layers_single(graph: nx.Graph, boxes: NDArray[np.float64]) -> Layers:  # noqa: ARG001
+    """One layer of all nodes, whatever the edges; none where there are no nodes."""
+    return [np.array(graph, dtype=np.int64)] if len(graph) else []
+
+
+def layers_largest_first(graph: nx.Graph, boxes: NDArray[np.float64]) -> Layers:  # noqa: ARG001
+    """:func:`layers_greedy` with nodes of most neighbours first."""
+    return layers_greedy(graph, "largest-first")
+
+
+def layers_smallest_last(graph: nx.Graph, boxes: NDArray[np.float64]) -> Layers:  # noqa: ARG001
+    """:func:`layers_greedy` after Matula and Beck."""
+    return layers_greedy(graph, "smallest-last")
+
+
+def layers_dsatur(graph: nx.Graph, boxes: NDArray[np.float64]) -> Layers:  # noqa: ARG001
+    """:func:`layers_greedy` after Brelaz."""
+    return layers_greedy(graph, "dsatur")
 
 
 def layers_incremental(graph: nx.Graph, boxes: NDArray[np.float64], *, order: Sequence[int] | None = None) -> Layers:

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from mmi.foundation.camera import Camera
 from mmi.foundation.errors import ParameterError
+from mmi.foundation.plug_ins import PlugIn
+from mmi.planning.choices import LAYERINGS, NEAR_STAGES, WEIGHTS, Choice, choose
 
-__all__ = ["LAYERINGS", "VISIBILITIES", "WEIGHTS", "BuildParameters"]
+__all__ = ["VISIBILITIES", "BuildParameters"]
 
 VISIBILITIES = ("horizon", "item-buffer")
-WEIGHTS = ("same-ray", "critical-zone", "critical-zone-unsigned")
-LAYERINGS = ("best", "incremental", "largest-first", "smallest-last", "dsatur", "single")
+_OwnOr = str | Callable[..., Any] | PlugIn
 _MOST_PIXELS = 8192
 """An 8K display; captures grow with the square of its focal length, and OpenGL draws 16384 pixels a side at most."""
 
@@ -38,12 +39,14 @@ class BuildParameters:
     steepest: float = 2.0
     """Objects that reach above this slope (height over distance) from the cell stay geometry."""
     visibility: str = "horizon"
-    weights: str = "same-ray"
-    """``same-ray`` keeps the threshold (:mod:`mmi.parallax.ray_weights`); the others are the paper's
-    (:mod:`mmi.parallax.paper_weights`).
+    weights: _OwnOr = "same-ray"
+    """``same-ray`` keeps the threshold (:mod:`mmi.parallax.ray_weights`), ``critical-zone`` and ``critical-zone-unsigned`` are
+    the paper's. Or a function of one's own (:mod:`mmi.planning.choices`); it is kept as ``package.module:function@version``.
     """
-    layering: str = "best"
-    """How objects are divided into layers; ``single`` puts all into one and keeps no bound (:mod:`mmi.planning.layering`)."""
+    layering: _OwnOr = "best"
+    """How objects are divided into layers (:mod:`mmi.planning.layering`); ``single`` puts all into one and keeps no bound. Or a
+    function of one's own.
+    """
     landmarks: tuple[tuple[str, float], ...] = ()
     """(object id, factor): weights of this object's pairs are multiplied by the factor (paper section 4.2)."""
     max_layers: int | None = None
@@ -60,6 +63,10 @@ class BuildParameters:
     """Of the stored pictures of layers, as WebP counts it; 100 is lossless. Coverage always is."""
     cell_length: float = 40.0
     eye: tuple[float, float] = (1.5, 1.9)
+    near_stage: _OwnOr | None = None
+    """What divides near from far (:mod:`mmi.planning.segmentation`): ``parallax``, ``distance``, which keeps no bound, or a
+    function of one's own; None: what goes with the weights.
+    """
 
     def __post_init__(self) -> None:
         def expect(holds: bool, name: str, expected: str) -> None:
@@ -81,8 +88,9 @@ class BuildParameters:
             expect(getattr(self, name) is None or getattr(self, name) >= 1, name, "a number of 1 or more")
         expect(0.1 <= self.steepest <= 10.0, "steepest", "a slope from 0.1 to 10")
         expect(self.visibility in VISIBILITIES, "visibility", " or ".join(VISIBILITIES))
-        expect(self.weights in WEIGHTS, "weights", " or ".join(WEIGHTS))
-        expect(self.layering in LAYERINGS, "layering", " or ".join(LAYERINGS))
+        for name, table in (("weights", WEIGHTS), ("layering", LAYERINGS), ("near_stage", NEAR_STAGES)):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, choose(table, getattr(self, name), what=name).text)
         expect(4 <= self.sectors <= 36, "sectors", "4 to 36 sectors")
         expect(8 <= self.quad <= 128 and self.quad % 8 == 0, "quad", "a multiple of 8 from 8 to 128")
         expect(self.supersample in (1, 3, 5), "supersample", "1, 3 or 5")
@@ -103,22 +111,40 @@ class BuildParameters:
         return self.camera.angle_from_pixels(self.max_error_px)
 
     @property
+    def chosen_weights(self) -> Choice:
+        """The weights."""
+        return choose(WEIGHTS, self.weights, what="weights")
+
+    @property
+    def chosen_layering(self) -> Choice:
+        """The layering."""
+        return choose(LAYERINGS, self.layering, what="layering")
+
+    @property
+    def chosen_near_stage(self) -> Choice:
+        """The near stage that was asked for, or else what goes with the weights."""
+        return choose(NEAR_STAGES, self.near_stage or self.chosen_weights.near_stage, what="near_stage")
+
+    @property
     def bounded(self) -> bool:
-        """Whether the weights bound what layers get wrong, and layers keep to them."""
-        return self.weights == "same-ray" and self.layering != "single"
+        """Whether the choices bound what layers get wrong. Nothing is promised of functions from outside the package."""
+        return self.chosen_weights.bounded and self.chosen_layering.bounded and self.chosen_near_stage.bounded
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: plain values in the same units."""
-        return asdict(self)
+        """For JSON: plain values in the same units. A near stage is named only where one was asked for."""
+        values = asdict(self)
+        if self.near_stage is None:
+            del values["near_stage"]
+        return values
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> BuildParameters:
-        """The inverse of :meth:`as_dict`, after a trip through JSON too.
+        """The inverse of :meth:`as_dict`, after a trip through JSON too. Imports no functions from outside the package.
 
         Raises ParameterError where a name is missing or unknown, or a value is not what it should be.
         """
         names = {one.name for one in fields(cls)}
-        if not isinstance(values, Mapping) or set(values) != names:
+        if not isinstance(values, Mapping) or {*values, "near_stage"} != names:
             found = sorted(values) if isinstance(values, Mapping) else repr(values)
             raise ParameterError(f"parameters {sorted(names)} expected, found {found}")
         try:

@@ -7,8 +7,9 @@ geometry, which of the rest can share a layer. Plans are captured and meshed by 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -18,41 +19,32 @@ from mmi.appearance.city_mesh import CityMesh, build_city_mesh
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.city.model import City
 from mmi.foundation.errors import ParameterError
-from mmi.parallax.paper_weights import critical_zone_weights
-from mmi.parallax.ray_weights import same_ray_weights
+from mmi.foundation.stopwatch import Stopwatch
+from mmi.planning.choices import blaming, function_of
 from mmi.planning.layering import assign_layers, boxes_of, event_graph
 from mmi.planning.parameters import BuildParameters
 from mmi.planning.rehearsal import rehearse
-from mmi.planning.segmentation import near_by_distance, near_by_parallax, near_by_slope, near_by_triangles
+from mmi.planning.segmentation import NearSettings
+from mmi.planning.weighing import FarField, weigh
 from mmi.visibility.horizon import horizon_extractor, prepare_horizon
 from mmi.visibility.item_buffer import Identify, item_buffer_extractor
-from mmi.visibility.selection import Extractor, Selection, chain, everything
+from mmi.visibility.selection import Extractor, Selection, everything
 from mmi.visibility.walls import Walls, walls_of
-
-if TYPE_CHECKING:
-    pass
-
-from mmi.foundation.stopwatch import Stopwatch
 
 __all__ = ["CellPlan", "PreparedCity", "landmark_factors", "plan_cell", "prepare_city"]
 
-_ALWAYS_NEAR = 4.0
-"""Metres: what is closer to the cell than this is geometry whatever the triangle budget; a viewer could touch it."""
-_FINEST_QUAD = 8
-"""Texels: rays this close to each other count as one, since a mesh connects them."""
-
-
 _COLUMNS = 30_000
-"""Of rehearsed pictures, around the cell, at most."""
+"""A rehearsed picture has at most so many columns around the cell; pixels are made wider where it would have more."""
 _REHEARSED = 10.0
-"""Pixels of rehearsed pictures that a threshold is at most."""
+"""In a rehearsed picture the threshold is at most so many pixels; pixels are made larger where it would be more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedCity:
     """What all cells of a city share, prepared once: geometry, walls, and the pipeline's first two extractors.
 
-    ``visible`` is None where visibility needs a renderer (the item buffer).
+    ``visible`` is None where visibility needs a renderer (the item buffer). ``weigh`` is the weight function
+    (:mod:`mmi.planning.weighing`).
     """
 
     city: City
@@ -61,6 +53,7 @@ class PreparedCity:
     walls: Walls
     visible: Extractor | None
     near: Extractor
+    weigh: Callable[..., Any]
     landmarks: dict[int, float]
 
 
@@ -102,23 +95,17 @@ def prepare_city(city: City, parameters: BuildParameters) -> PreparedCity:
     """
     landmarks = landmark_factors(city, parameters)
     mesh, walls = build_city_mesh(city), walls_of(city)
-    if parameters.near_triangles is None:
-        nearby = near_by_distance(parameters.near_distance)
-    else:
-        nearby = chain(
-            near_by_triangles(parameters.near_triangles, mesh.triangle_counts), near_by_distance(_ALWAYS_NEAR)
-        )
-    stages = [nearby, near_by_slope(parameters.steepest)]
-    if parameters.weights == "same-ray":
-        texel = 1.0 / parameters.camera.focal
-        stages.append(near_by_parallax(walls, parameters.max_angle, texel=texel, factors=landmarks))
+    near_stage = function_of(parameters.chosen_near_stage)
+    with blaming(parameters.chosen_near_stage, what="near stage"):
+        near = near_stage(NearSettings(parameters, walls, mesh.triangle_counts, landmarks))
     return PreparedCity(
         city=city,
         parameters=parameters,
         mesh=mesh,
         walls=walls,
         visible=horizon_extractor(prepare_horizon(city)) if parameters.visibility == "horizon" else None,
-        near=chain(*stages),
+        near=near,
+        weigh=function_of(parameters.chosen_weights),
         landmarks=landmarks,
     )
 
@@ -138,22 +125,18 @@ def plan_cell(
         visible = item_buffer_extractor(identify, resolution=parameters.camera.width)
     with watch.stage("visibility"):
         selection = visible(everything(prepared.city, cell))
-    with watch.stage("segmentation"):
+    with watch.stage("segmentation"), blaming(parameters.chosen_near_stage, what="near stage"):
         selection = prepared.near(selection)
     far = selection.far
     objects = [prepared.city.objects[i] for i in far]
     with watch.stage("weights"):
-        if parameters.weights == "same-ray":
-            quad = _FINEST_QUAD / parameters.camera.focal
-            pairs, weights = same_ray_weights(cell, prepared.walls, far, selection.wall_visibility, quad=quad)
-        else:
-            signed = parameters.weights == "critical-zone"
-            pairs, weights = critical_zone_weights(cell, objects, signed=signed)
+        field = FarField(prepared.city, cell, far, prepared.walls, selection.wall_visibility, parameters.camera)
+        pairs, weights = weigh(parameters.chosen_weights, prepared.weigh, field)
     with watch.stage("layering"):
         factors = {int(i): prepared.landmarks[i] for i in far if i in prepared.landmarks}
         graph = event_graph(far, pairs, weights, threshold=parameters.max_angle, factors=factors)
         boxes = boxes_of(cell.reference, objects)
-        layers = assign_layers(graph, boxes, strategy=parameters.layering)
+        layers = assign_layers(graph, boxes, strategy=parameters.chosen_layering)
     plan = CellPlan(selection, far[pairs], weights, graph, layers, None)
     if not parameters.bounded:
         return plan

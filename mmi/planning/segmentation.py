@@ -3,13 +3,16 @@
 Objects stay geometry for what a picture of them would get wrong (:func:`near_by_parallax`), or for being close: distances
 are from the footprint to the cell's rectangle in the ground plane, so that what is near is near from wherever the viewer
 may be. All are extractors (paper figure 6): they add to a selection's near objects and never remove one.
+
+A *near stage* is a function that makes one extractor of :class:`NearSettings`, once for all cells of a city: those of
+this module are :func:`near_stage_by_parallax` and :func:`near_stage_by_distance`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -18,10 +21,52 @@ from numpy.typing import ArrayLike, NDArray
 from mmi.foundation.errors import ParameterError
 from mmi.parallax.critical_zone import cell_region
 from mmi.parallax.self_parallax import self_parallax
-from mmi.visibility.selection import Extractor, Selection
+from mmi.planning.parameters import BuildParameters
+from mmi.visibility.selection import Extractor, Selection, chain
 from mmi.visibility.walls import Walls
 
-__all__ = ["near_by_distance", "near_by_parallax", "near_by_slope", "near_by_triangles"]
+__all__ = [
+    "NearSettings",
+    "near_by_distance",
+    "near_by_parallax",
+    "near_by_slope",
+    "near_by_triangles",
+    "near_stage_by_distance",
+    "near_stage_by_parallax",
+]
+
+_ALWAYS_NEAR = 4.0
+"""Metres: what is closer to the cell than this is geometry whatever the triangle budget; a viewer could touch it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NearSettings:
+    """What a near stage is told: the build's parameters, and of the city its walls, how many triangles each object has
+    (``triangle_counts`` (n_objects,)), and the factors of its landmarks (object -> factor).
+    """
+
+    parameters: BuildParameters
+    walls: Walls
+    triangle_counts: NDArray[np.int64]
+    landmarks: Mapping[int, float]
+
+
+def near_stage_by_distance(settings: NearSettings) -> Extractor:
+    """Near is what is close (within a distance, or a budget of triangles) or rises steeply. Keeps no bound on the error."""
+    parameters = settings.parameters
+    steep = near_by_slope(parameters.steepest)
+    if parameters.near_triangles is None:
+        return chain(near_by_distance(parameters.near_distance), steep)
+    budget = near_by_triangles(parameters.near_triangles, settings.triangle_counts)
+    return chain(budget, near_by_distance(_ALWAYS_NEAR), steep)
+
+
+def near_stage_by_parallax(settings: NearSettings) -> Extractor:
+    """Near is also what may show more of itself than the threshold that a picture of it misses."""
+    parameters = settings.parameters
+    texel = 1.0 / parameters.camera.focal
+    parallax = near_by_parallax(settings.walls, parameters.max_angle, texel=texel, factors=settings.landmarks)
+    return chain(near_stage_by_distance(settings), parallax)
 
 
 def near_by_distance(distance: float) -> Extractor:

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from mmi.foundation.camera import Camera
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.processes import usable_cores
-from mmi.planning.parameters import LAYERINGS, VISIBILITIES, WEIGHTS, BuildParameters
+from mmi.planning.choices import LAYERINGS, WEIGHTS, Choice
+from mmi.planning.parameters import VISIBILITIES, BuildParameters
 from mmi.programs.city_arguments import add_city_arguments, read_options
 from mmi.programs.command_line import (
     Parser,
@@ -87,12 +88,19 @@ def _build_parser() -> Parser:
 
     method = parser.add_argument_group("how")
     method.add_argument("--visibility", choices=VISIBILITIES, default=default.visibility, help="default: %(default)s")
-    method.add_argument("--weights", choices=WEIGHTS, default=default.weights, help="default: %(default)s")
+    method.add_argument(
+        "--weights",
+        default=default.weights,
+        metavar="NAME",
+        help=f"{_named(WEIGHTS)}, or a function of your own as package.module:function; only same-ray keeps the bound on the "
+        "error (default: %(default)s)",
+    )
     method.add_argument(
         "--layering",
-        choices=LAYERINGS,
         default=default.layering,
-        help="single: one layer for all, which keeps no bound on the error (default: %(default)s)",
+        metavar="NAME",
+        help=f"{_named(LAYERINGS)} (one layer for all), or a function of your own; the last two keep no bound on the error "
+        "(default: %(default)s)",
     )
     method.add_argument(
         "--longest-object",
@@ -163,6 +171,10 @@ def _build_parser() -> Parser:
     )
     work.add_argument("--quiet", action="store_true", help="no progress, no tables")
     return parser
+
+
+def _named(table: tuple[Choice, ...]) -> str:
+    return ", ".join(one.name for one in table)
 
 
 def _build(options: argparse.Namespace) -> None:

@@ -252,7 +252,9 @@ def test_a_single_layer_is_never_the_best_where_there_is_an_event():
 
 
 def test_unknown_strategy():
-    with pytest.raises(ParameterError, match=r"one of best, incremental, dsatur, .*found 'random'"):
+    with pytest.raises(
+        ParameterError, match=r"best or incremental or largest-first or .* or single or .*found 'random'"
+    ):
         assign_layers(FIGURE_4, ROW, strategy="random")
 
 
