@@ -8,7 +8,9 @@ CRS, or one that their coordinates contradict, are refused in words that say wha
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -34,6 +36,7 @@ __all__ = [
 Box = tuple[float, float, float, float]
 """(west, south, east, north) in degrees, or (min x, min y, max x, max y)."""
 
+_EPSG = re.compile(r"EPSG\D{0,8}(?:[\d.]+[:/]{1,2})?(\d{4,6})(?!\d)", re.IGNORECASE)
 _WGS84 = pyproj.CRS.from_epsg(4326)
 _MAX_SCALE_ERROR = 0.0025
 _MAX_SHEAR_DEGREES = 0.2
@@ -81,20 +84,24 @@ def declared_crs(file: Path, text: str | None, *, hint: str = "") -> pyproj.CRS 
     return crs if crs.is_projected or crs.is_geographic else None
 
 
-def named_crs(where: str, text: str, code: str | None, fallback: pyproj.CRS | None) -> pyproj.CRS:
-    """The horizontal CRS of the EPSG ``code`` found in ``text``; ``fallback`` where pyproj knows none.
+def named_crs(where: str, text: str, fallback: pyproj.CRS | None) -> pyproj.CRS:
+    """The horizontal CRS of the first EPSG code in ``text`` that is of one; ``fallback`` where there is none.
+
+    A name may hold versions (``EPSG:6.12:25833``) and a second code, of heights (``EPSG:25833+5783``).
 
     Raises:
-        CityError: it knows none, and there is no fallback; ``where`` says what names it.
+        CityError: there is none, and no fallback; ``where`` says what names it.
     """
-    try:
-        if code is None:
-            raise ProjError(text)
-        return _horizontal(pyproj.CRS.from_epsg(int(code)))
-    except ProjError as error:
-        if fallback is not None:
-            return fallback
-        raise CityError(f"{where}: an EPSG code expected, found {text[:80]!r}; name one with --crs") from error
+    for code in [text] if re.fullmatch(r"\d{4,6}", text) else _EPSG.findall(text):
+        with suppress(ProjError):
+            crs = _horizontal(pyproj.CRS.from_epsg(int(code)))
+            if crs.is_projected or crs.is_geographic:
+                return crs
+    if fallback is not None:
+        return fallback
+    raise CityError(
+        f"{where}: an EPSG code expected, of a projected or geographic system, found {text[:80]!r}; name one with --crs"
+    )
 
 
 def _horizontal(crs: pyproj.CRS) -> pyproj.CRS:

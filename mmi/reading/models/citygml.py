@@ -267,8 +267,7 @@ def _crs(path: Path, root: ElementTree.Element, fallback: pyproj.CRS | None) -> 
     for element in root.iter():
         name = element.attrib.get("srsName")
         if name:
-            found = re.search(r"EPSG\D*(?:0[/:]{1,2})?(\d{4,6})", name)
-            return named_crs(f"{path}: srsName", name, found and found.group(1), fallback)
+            return named_crs(f"{path}: srsName", name, fallback)
     return None
 
 

@@ -285,9 +285,7 @@ class _Reader:
             system = metadata["crs"].get("epsg")
         if system is None:
             return None
-        text = str(system)
-        found = re.search(r"EPSG[:/]*(?:[\d.]*[:/])?(\d{4,6})$", text) or re.fullmatch(r"(\d{4,6})", text)
-        return named_crs(f"{self._path}: referenceSystem", text, found and found.group(1), self._fallback)
+        return named_crs(f"{self._path}: referenceSystem", str(system), self._fallback)
 
     def _appearance(self, appearance: Mapping[str, Any]) -> None:
         """Pictures, colours and texture coordinates of a document or feature."""

@@ -8,12 +8,14 @@ import numpy as np
 import pyproj
 import pytest
 import shapely
+from cities import real
 from city_files import degrees, geojson
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import LineString, box
 
 from mmi.foundation.errors import CityError
+from mmi.reading.coordinates import named_crs
 from mmi.reading.read_city import read_city
 from mmi.reading.read_options import ReadOptions
 
@@ -183,3 +185,61 @@ def test_moving_the_city_changes_nothing_but_the_origin(tmp_path):
     one, other = cities
     assert np.subtract(other.origin, one.origin).tolist() == [730.0, 730.0, 0.0]
     assert [a.footprint.wkb for a in one.objects] == [b.footprint.wkb for b in other.objects]
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        ("EPSG:25833", 25833),
+        ("25833", 25833),
+        ("urn:ogc:def:crs:EPSG::25833", 25833),
+        ("urn:ogc:def:crs:EPSG:6.12:25833", 25833),
+        ("urn:ogc:def:crs,crs:EPSG::25833,crs:EPSG::5783", 25833),
+        ("urn:ogc:def:crs,crs:EPSG:6.12:3068,crs:EPSG:6.12:5783", 3068),
+        ("http://www.opengis.net/def/crs/EPSG/0/25833", 25833),
+        ("http://www.opengis.net/def/crs/EPSG/9.9.1/25833", 25833),
+        ("http://www.opengis.net/def/crs-compound?1=http://www.opengis.net/def/crs/EPSG/0/25833"
+         "&2=http://www.opengis.net/def/crs/EPSG/0/5783", 25833),
+        ("http://www.opengis.net/gml/srs/epsg.xml#4326", 4326),
+        ("EPSG:25833+5783", 25833),
+        ("EPSG:5783+25833", None),  # the second number of a sum has no name of its own
+        ("['[EPSG:5783]', '[EPSG:25833]']", 25833),
+        ("EPSG:7415", 28992),  # a compound system by itself
+        ("EPSG:5783", None),  # heights
+        ("EPSG:99999", None),
+        ("EPSG:1234567", None),
+        ("urn:adv:crs:ETRS89_UTM33*DE_DHHN2016_NH", None),
+    ],
+)  # fmt: skip
+def test_names_of_coordinate_systems(text, code):
+    local = pyproj.CRS.from_epsg(31468)
+    assert named_crs("a.gml: srsName", text, local).to_epsg() == (31468 if code is None else code)
+    if code is None:
+        with pytest.raises(CityError, match=r"^a\.gml: srsName: an EPSG code expected.*--crs"):
+            named_crs("a.gml: srsName", text, None)
+
+
+@pytest.mark.parametrize(
+    ("name", "crs"),
+    [
+        *(
+            (f"cityjson-compound-crs/{name}.city.json", "EPSG:25833")
+            for name in ("compurl", "curies", "plain", "plus", "urn")
+        ),
+        *((f"citygml-berlin-srs/{name}.gml", "EPSG:25833") for name in ("compound_urn", "compurl", "plus", "url")),
+        *((f"citygml-berlin-srs/{name}.gml", "EPSG:25833") for name in ("urlver", "versioned")),
+        ("citygml-berlin-srs/berlin.gml", "EPSG:3068"),
+    ],
+)
+def test_reported_names_of_coordinate_systems(name, crs):
+    city, _ = read_city(real("reports") / name)
+    assert city.crs == crs
+    assert len(city.objects) == 6
+
+
+@pytest.mark.parametrize("name", ["cityjson-compound-crs/vertical.city.json", "citygml-berlin-srs/adv.gml"])
+def test_reported_names_that_say_nothing_name_the_option(name):
+    path = real("reports") / name
+    with pytest.raises(CityError, match=r"an EPSG code expected, of a projected or geographic system.*--crs"):
+        read_city(path)
+    assert read_city(path, ReadOptions(crs="EPSG:25833"))[0].crs == "EPSG:25833"
