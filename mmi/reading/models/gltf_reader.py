@@ -42,6 +42,8 @@ from mmi.reading.report import Ledger
 __all__ = ["read_gltf"]
 
 _Z_UP_FROM_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+_PLUMB = 1e-3
+"""Metres to the side, over a hundred times as many up, that a segment which goes straight up may deviate."""
 _READ_EXTENSIONS = frozenset(
     {"KHR_texture_transform", "KHR_mesh_quantization", WEBP, "KHR_lights_punctual", "KHR_xmp_json_ld"}
 )
@@ -147,11 +149,15 @@ class _Reading:
         return found
 
     def take(self, node: dict[str, Any], matrix: NDArray[np.float64], origin: NDArray[np.float64]) -> None:
-        """A node becomes a model, the terrain or streets."""
+        """A node becomes a model, the terrain or streets; lines that draw the edges of a model are none of them.
+
+        A node whose extras say its ``kind`` is a street whatever its lines look like.
+        """
         entry = self.gltf.document["meshes"][int(node["mesh"])]
         name = str(node.get("name") or entry.get("name") or f"mesh/{node['mesh']}")
         parts: list[TriangleMesh] = []
         lines: list[LineString] = []
+        upright = False
         for primitive in entry["primitives"]:
             mode = primitive.get("mode", TRIANGLES)
             if "POSITION" not in primitive["attributes"]:
@@ -170,6 +176,7 @@ class _Reading:
                 parts.append(self.triangles(primitive, points, _as_triangles(order, mode), matrix, name))
             elif mode in (LINES, LINE_LOOP, LINE_STRIP):
                 lines += _as_lines(points[order], mode)
+                upright |= _stands_upright(points[order], mode)
             else:
                 self.ledger.note("left out", "mesh: points", name)
         if node.get("skin") is not None or any("targets" in one for one in entry["primitives"]):
@@ -179,8 +186,12 @@ class _Reading:
             self.ground.append(joined_meshes(parts))
         elif parts:
             self.models.append(RawModel(name, joined_meshes(parts)))
-        if lines:
-            self.streets.append(_street(name, node.get("extras"), lines))
+        extras = node.get("extras")
+        is_street = isinstance(extras, dict) and bool(extras.get("kind"))
+        if lines and (parts or upright) and not is_street:
+            self.ledger.note("noted", "lines that draw the edges of a model: no streets", name)
+        elif lines:
+            self.streets.append(_street(name, extras, lines))
 
     def triangles(
         self,
@@ -306,6 +317,13 @@ def _as_lines(points: NDArray[np.float64], mode: int) -> list[LineString]:
         runs = [points]
     lines = [LineString(run) for run in runs if len(run) > 1 and np.isfinite(run).all()]
     return [line for line in lines if line.length > 0.0]
+
+
+def _stands_upright(points: NDArray[np.float64], mode: int) -> bool:
+    """Whether a segment of the lines goes straight up, as edges of buildings do and streets never."""
+    starts, ends = (points[0:-1:2], points[1::2]) if mode == LINES else (points[:-1], points[1:])
+    run = (ends - starts)[:, :3]
+    return bool(((np.hypot(run[:, 0], run[:, 1]) < _PLUMB) & (np.abs(run[:, 2]) > 100.0 * _PLUMB)).any())
 
 
 def _street(name: str, extras: object, lines: list[LineString]) -> RawStreet:
