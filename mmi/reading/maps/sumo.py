@@ -8,7 +8,7 @@ Source: https://sumo.dlr.de/docs/Networks/SUMO_Road_Networks.html.
 from __future__ import annotations
 
 import gzip
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -32,6 +32,12 @@ _LANE_WIDTH = 3.2
 _APART = 12.0
 """Metres up to which two directions between the same junctions are one street: farther apart they are two carriageways."""
 _WALKS = frozenset({"footway", "path", "steps", "cycleway", "bridleway", "pedestrian"})
+_ROAD_VEHICLES = frozenset(
+    {
+        "army", "authority", "bus", "coach", "delivery", "emergency", "evehicle", "hov", "moped", "motorcycle", "passenger",
+        "private", "taxi", "trailer", "truck", "vip",
+    }
+)  # fmt: skip
 _NOT_STREETS = ("railway.", "waterway.", "aeroway.", "aerialway.")
 
 
@@ -165,17 +171,40 @@ def _edge(element: ElementTree.Element, ledger: Ledger) -> _Edge | None:
     lanes = element.findall("lane")
     shapes = [shape for lane in lanes if len(shape := _numbers(lane.get("shape", ""))) > 1]
     own = _numbers(element.get("shape", ""))
-    if kind.startswith(_NOT_STREETS):
-        ledger.note("left out", f"street: {kind.split('.')[0]}", id_)
+    parts = kind.split("|")
+    highway = next((part.removeprefix("highway.") for part in parts if part.startswith("highway.")), None)
+    other = next((part for part in parts if part.startswith(_NOT_STREETS)), None)
+    if highway is None and other is not None:
+        ledger.note("left out", f"street: {other.split('.')[0]}", id_)
+        return None
+    if highway is None:
+        highway = _kind_by_users(lanes, kind)
+    if highway is None:
+        ledger.note("left out", "street: neither for road vehicles nor for people on foot", id_)
         return None
     line = _mean_line(shapes) if shapes else np.array(own).reshape(-1, 2)
     if len(line) < 2 or not np.ptp(line, axis=0).any():
         ledger.note("left out", "street: no shape", id_)
         return None
     width = sum(float(lane.get("width", element.get("width", _LANE_WIDTH))) for lane in lanes) or _LANE_WIDTH
-    highway = next((part.removeprefix("highway.") for part in kind.split("|") if part.startswith("highway.")), kind)
     start, end = element.get("from", ""), element.get("to", "")
     return _Edge(id_, start, end, line, max(len(lanes), 1), width, highway, element.get("name", ""))
+
+
+def _kind_by_users(lanes: list[ElementTree.Element], kind: str) -> str | None:
+    """``kind`` where a road vehicle may use a lane, else a footway or cycleway; None where neither may use any."""
+    for users, answer in ((_ROAD_VEHICLES, kind), ({"pedestrian"}, "footway"), ({"bicycle"}, "cycleway")):
+        if not lanes or any(_may_use(lane, users) for lane in lanes):
+            return answer
+    return None
+
+
+def _may_use(lane: ElementTree.Element, users: Set[str]) -> bool:
+    """Whether some of the users may use the lane: it lists who may (``allow``), or who may not, or nobody."""
+    allow, disallow = lane.get("allow"), lane.get("disallow")
+    if allow is not None:
+        return not users.isdisjoint(allow.split()) or "all" in allow.split()
+    return disallow is None or not ("all" in disallow.split() or users <= set(disallow.split()))
 
 
 def _mean_line(lines: list[list[tuple[float, float]]] | list[NDArray[np.float64]]) -> NDArray[np.float64]:
