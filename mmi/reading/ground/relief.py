@@ -38,6 +38,9 @@ _ROUGHNESS = 0.5
 _STEEPNESS = 0.25
 """Of the distance to the neighbours: what rises less is a hill."""
 _NEIGHBOURS = 8
+_LOWEST, _HIGHEST = -1500.0, 30_000.0
+"""The ground lies between, be it in metres or in feet: the Dead Sea and Mount Everest do."""
+_VOID = "{} of the ground: a void (no ground is as low or high)"
 _RASTERS = frozenset({".tif", ".tiff", ".asc", ".img", ".dem", ".hgt", ".bil", ".flt", ".grd", ".xyz", ".jp2"})
 # Column names, lower-case letters only, likeliest first.
 _HEIGHTS = (
@@ -242,7 +245,10 @@ def _raster_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyp
                 step = max(1, math.ceil(math.sqrt(raster.width * raster.height / _MOST_CELLS)))
                 rows, columns = math.ceil(raster.height / step), math.ceil(raster.width / step)
                 band = raster.read(1, out_shape=(rows, columns), masked=True)
-                j, i = np.nonzero(~np.ma.getmaskarray(band) & np.isfinite(np.ma.getdata(band).astype(np.float64)))
+                values = np.ma.getdata(band).astype(np.float64)
+                known = ~np.ma.getmaskarray(band) & np.isfinite(values)
+                void = known & _no_height(values)
+                j, i = np.nonzero(known & ~void)
                 u, v = (i + 0.5) * raster.width / columns, (j + 0.5) * raster.height / rows
                 t = raster.transform
                 x, y = t.a * u + t.b * v + t.c, t.d * u + t.e * v + t.f
@@ -253,8 +259,14 @@ def _raster_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyp
         raise CityError(f"{path}: expected a raster of heights, found no cell with data")
     if step > 1:
         ledger.note("noted", f"raster of the ground: one cell in {step} each way is used", path.name)
-    ledger.note("left out", "cell of the ground: no data", path.name, count=rows * columns - len(i))
-    return np.column_stack([x, y, np.ma.getdata(band)[j, i].astype(np.float64)]), crs
+    ledger.note("left out", "cell of the ground: no data", path.name, count=int((~known).sum()))
+    ledger.note("left out", _VOID.format("cell"), path.name, count=int(void.sum()))
+    return np.column_stack([x, y, values[j, i]]), crs
+
+
+def _no_height(z: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which heights (...) stand for none: -9999, -32768 and the like, where the file declares no such value."""
+    return (z < _LOWEST) | (z > _HIGHEST)
 
 
 def _vector_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyproj.CRS | None]:
@@ -291,6 +303,11 @@ def _vector_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyp
             f"{path}: expected a z or a column of heights (height, elevation, z, ...); found columns {names}"
         )
     ledger.note("left out", "point of the ground: no height", path.name, count=int((~sound).sum()))
+    void = sound & _no_height(xyz[:, 2])
+    ledger.note("left out", _VOID.format("point"), path.name, count=int(void.sum()))
+    sound &= ~void
+    if not sound.any():
+        raise CityError(f"{path}: expected heights of the ground, found only values such as {xyz[void][0, 2]:g}")
     return xyz[sound], declared_crs(path, meta["crs"])
 
 

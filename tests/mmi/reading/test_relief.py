@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 
 from mmi.foundation.errors import CityError
 from mmi.reading.ground.relief import choose_spacing, read_relief_points, terrain_from_points, terrain_from_triangles
+from mmi.reading.read_city import read_city
+from mmi.reading.read_options import ReadOptions
 from mmi.reading.report import Ledger
 
 BOUNDS = (100.0, 200.0, 223.0, 290.0)
@@ -167,6 +169,42 @@ def test_a_raster_gives_the_middles_of_its_cells_without_nodata(tmp_path):
     assert ledger.count("left out", "cell of the ground: no data") == 1
 
 
+VOID = "{} of the ground: a void (no ground is as low or high)"
+
+
+@pytest.mark.parametrize("void", [-9999.0, -32768.0, -3.4e38, 32767.0, 1e20])
+def test_voids_without_a_declared_value_are_left_out(tmp_path, void):
+    values = np.arange(12.0).reshape(3, 4)
+    values[1, 2] = void
+    ledger = Ledger()
+    points, _ = read_relief_points(raster(tmp_path / "r.tif", values, nodata=None), ledger)
+    assert sorted(points[:, 2].tolist()) == [0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11]
+    assert ledger.count("left out", VOID.format("cell")) == ledger.count("left out") == 1
+    at = [(shapely.Point(x, 0), {"height": h}) for x, h in enumerate((5.0, void, 6.0))]
+    points, _ = read_relief_points(geojson(tmp_path / "c.geojson", at, crs="EPSG:32632"), ledger)
+    assert points[:, 2].tolist() == [5.0, 6.0]
+    assert ledger.count("left out", VOID.format("point")) == 1
+
+
+@pytest.mark.parametrize("height", [-430.0, -1412.0, 8849.0, 29_032.0])
+def test_the_lowest_and_the_highest_ground_are_no_voids(tmp_path, height):
+    ledger = Ledger()
+    points, _ = read_relief_points(raster(tmp_path / "r.tif", np.full((2, 2), height), nodata=None), ledger)
+    assert (points[:, 2] == height).all()
+    assert ledger.count("left out") == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "voids"),
+    [("good.tif", 0), ("small_void.tif", 4), ("void.tif", 320), ("void_declared.tif", 0), ("void.asc", 320)],
+)
+def test_reported_voids(name, voids):
+    folder = real("reports") / "dem-voids"
+    city, report = read_city(folder / "city.osm", ReadOptions(terrain=folder / name))
+    assert all(40.0 <= one.base <= 48.0 for one in city.objects)
+    assert sum(one.count for one in report.left_out if one.what == VOID.format("cell")) == voids
+
+
 def test_a_large_raster_is_decimated(tmp_path):
     y, x = np.indices((2000, 2100))
     ledger = Ledger()
@@ -182,12 +220,14 @@ def test_files_without_heights_are_refused_in_one_line(tmp_path):
     broken, empty = tmp_path / "broken.tif", tmp_path / "empty.tif"
     broken.write_bytes(b"II*\0nonsense")
     raster(empty, np.full((2, 2), -9999.0))
+    void = geojson(tmp_path / "void.geojson", [(shapely.Point(0, 0), {"height": -9999.0})], crs="EPSG:32632")
     text = tmp_path / "x.txt"
     text.write_text("hello")
     for path, what in (
         (flat, "column of heights.*name"),
         (broken, "raster"),
         (empty, "no cell"),
+        (void, "found only values such as -9999"),
         (text, "heights that GDAL"),
     ):
         with pytest.raises(CityError, match=what) as caught:
