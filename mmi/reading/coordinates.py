@@ -46,7 +46,7 @@ _OVERLAP_MARGIN_DEGREES = 0.003  # some 200-330 m
 
 @dataclass(frozen=True, slots=True)
 class LocalFrame:
-    """The city's frame: ``crs`` (``"EPSG:..."``) and the ``origin`` to subtract; ``why`` if it is not the file's own CRS."""
+    """The frame of a city: ``crs`` (``"EPSG:..."``), the ``origin`` to subtract, and ``why`` it is not the file's own CRS."""
 
     crs: str
     origin: tuple[float, float, float]
@@ -69,7 +69,7 @@ def parse_crs(text: str) -> pyproj.CRS:
 
 
 def declared_crs(file: Path, text: str | None, *, hint: str = "") -> pyproj.CRS | None:
-    """The horizontal CRS that a file declares in words of GDAL; None for none, or one that places nothing on the earth.
+    """The horizontal CRS that GDAL says a file declares; None for none, and for one that places nothing on the earth.
 
     Raises:
         CityError: pyproj does not understand it; ``hint`` says what to do.

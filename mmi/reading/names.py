@@ -20,7 +20,7 @@ def readable_name(name: bytes) -> str:
 
 
 class UniqueNames:
-    """The names that are taken so far; a free one is found in time that does not grow with them."""
+    """The names that are taken so far. The time to find a free one does not grow with their number."""
 
     def __init__(self) -> None:
         self._taken: set[str] = set()

@@ -19,7 +19,7 @@ _EXAMPLES = 3
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """One line of the account: ``count`` times ``what`` happened, to ``examples`` among others, ``metres`` of street."""
+    """One line of the account: ``what`` happened ``count`` times, for instance to ``examples``, to ``metres`` of street."""
 
     what: str
     count: int

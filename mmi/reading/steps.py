@@ -1,4 +1,4 @@
-"""How far a reading is: what ``read_city`` tells whoever passes a ``progress``. Nothing here prints."""
+"""How far a reading is: what ``read_city`` tells the function that it is given as ``progress``. Nothing here prints."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import TypeVar
 __all__ = ["Progress", "counted_step", "step"]
 
 Progress = Callable[[int, int, str], None]
-"""Hears, for one step after the other, (done, of how many, what the step does): from 0 to all of it."""
+"""Is called with (done, of how many, what the step does), from 0 to all, for one step after the other."""
 
 _Thing = TypeVar("_Thing")
 
 
 @contextmanager
 def step(progress: Progress | None, what: str) -> Iterator[None]:
-    """A step of which only begin and end are known; a step that fails has no end."""
+    """A step of which only the beginning and the end are told; of a step that fails, no end."""
     if progress is not None:
         progress(0, 1, what)
     yield

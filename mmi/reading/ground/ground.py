@@ -27,11 +27,11 @@ Ground = Terrain | float
 _AROUND = 30.0
 """Metres of terrain around the city."""
 _FLAT = 1.0
-"""Metres: where feet differ less, the ground is flat."""
+"""Metres: the ground is flat where the buildings' feet differ by less."""
 _NEAR, _STEEPEST = 60.0, 0.25
-"""Metres around a building within which others tell whether it hangs, and the slope of the ground that is believed."""
+"""Metres around a building within which others tell whether it hangs, and the steepest slope that ground is taken to have."""
 _DEEPEST = 6.0
-"""Metres that a building is let down to the ground at most; what stands higher hangs in the air on purpose."""
+"""Metres by which a building is let down to the ground at most; one that stands higher is meant to hang in the air."""
 
 
 def ground_of_file(path: Path, frame: LocalFrame, bounds: Box, ledger: Ledger) -> Terrain:
@@ -75,7 +75,7 @@ def ground_of_model(
 
 
 def ground_of_buildings(objects: Sequence[CityObject], bounds: Box, ledger: Ledger) -> Ground:
-    """Ground at the feet of the buildings: flat where they differ little."""
+    """Ground as high as the feet of the buildings; flat where these differ little."""
     standing = _standing(objects)
     objects = [one for one, stands in zip(objects, standing, strict=True) if stands]
     rings, of = shapely.get_coordinates([one.footprint for one in objects], return_index=True)
@@ -90,7 +90,7 @@ def ground_of_buildings(objects: Sequence[CityObject], bounds: Box, ledger: Ledg
 
 
 def _standing(objects: Sequence[CityObject]) -> NDArray[np.bool_]:
-    """(n,) which objects stand on the ground, by their neighbours: what hangs is above a slope up from a lower foot."""
+    """Which objects (n,) stand on the ground; the others hang above every slope that rises from a neighbour's lower foot."""
     xy = shapely.get_coordinates(shapely.centroid([one.footprint for one in objects]))
     feet = np.array([one.base for one in objects])
     tree = cKDTree(xy)
@@ -101,7 +101,7 @@ def _standing(objects: Sequence[CityObject]) -> NDArray[np.bool_]:
 
 
 def settled(objects: Sequence[CityObject], ground: Ground, ledger: Ledger) -> tuple[CityObject, ...]:
-    """Objects let down to the ground: what of a foot is above it, where it slopes or the model is coarse, goes on below."""
+    """Objects let down to the ground: where it slopes or the model is coarse, walls go on down to its lowest point."""
     result = []
     for one in objects:
         lowest = _under(one, ground)[0]
@@ -123,7 +123,7 @@ def settled(objects: Sequence[CityObject], ground: Ground, ledger: Ledger) -> tu
 
 
 def raised(objects: Sequence[CityObject], terrain: Terrain) -> tuple[CityObject, ...]:
-    """Prisms whose heights count from flat ground at 0, set on hills: heights count from the middle of the ground below."""
+    """Objects of prisms on flat ground at height 0, set on hills: heights now count from the mean of the ground below each."""
     result = []
     for one in objects:
         lowest, middle = _under(one, terrain)

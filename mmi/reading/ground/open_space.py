@@ -26,14 +26,14 @@ from mmi.reading.raw_layers import RawStreet
 __all__ = ["open_space_streets"]
 
 _WIDEST = 12.0
-"""Metres: a square is not a street as wide as itself."""
+"""Metres: a path is not taken to be wider, for instance across a square."""
 _MOST_POINTS = 120_000
 _SHORTEST_WALK = 5.0
-"""Times the width of a path: less of it in all is a chink, and the walk leads around the buildings."""
+"""Times the width of a path: where all paths together are shorter, there is only a gap, and the walk leads around the city."""
 _BEYOND = 1.6
 """Times the clearance of its junction that a dead end must reach to be worth a walk; the arm into a corner reaches 1.41."""
 _HULL_RATIO = 0.15
-"""How closely the hull of the city follows it: 0 as closely as can be, 1 convex."""
+"""How closely the hull follows the city: 0 is as closely as possible, 1 is the convex hull."""
 
 
 def open_space_streets(
@@ -73,7 +73,7 @@ def _region(solid: BaseGeometry, margin: float) -> BaseGeometry:
     """The city's hull, bays filled, grown by ``margin``."""
     try:
         hull = shapely.concave_hull(solid, ratio=_HULL_RATIO)
-    except shapely.errors.GEOSException:  # its triangulation fails on some outlines: their corners alone will do
+    except shapely.errors.GEOSException:  # the hull's triangulation fails on some outlines: their corners are enough
         corners = np.unique(np.round(shapely.get_coordinates(solid), 1), axis=0)
         hull = shapely.concave_hull(shapely.multipoints(corners), ratio=_HULL_RATIO)
     return shapely.buffer(shapely.union(hull, solid), margin)

@@ -30,16 +30,16 @@ _FINEST = 5.0
 """Metres."""
 _MOST_CELLS = 2_000_000
 _MOST_POINTS = 200_000
-"""Points that are triangulated; of more, the mean around each point of the grid."""
+"""Up to so many points are triangulated; of more, the mean around each point of the grid is taken."""
 _MOST_CANDIDATES = 4_000_000
 _DEVIATIONS = 6.0
 _ROUGHNESS = 0.5
-"""Metres at least that one deviation stands for: on a plane the smallest error would be a spike."""
+"""Metres that one deviation stands for at least: otherwise the smallest error on a plane would be a spike."""
 _STEEPNESS = 0.25
-"""Of the distance to the neighbours: what rises less is a hill."""
+"""Share of the distance to the neighbours: what rises by less is a hill."""
 _NEIGHBOURS = 8
 _LOWEST, _HIGHEST = -1500.0, 30_000.0
-"""The ground lies between, be it in metres or in feet: the Dead Sea and Mount Everest do."""
+"""All ground lies between these heights, in metres as well as in feet, from the Dead Sea to Mount Everest."""
 _VOID = "{} of the ground: a void (no ground is as low or high)"
 _RASTERS = frozenset({".tif", ".tiff", ".asc", ".img", ".dem", ".hgt", ".bil", ".flt", ".grd", ".xyz", ".jp2"})
 # Column names, lower-case letters only, likeliest first.
@@ -74,7 +74,7 @@ def terrain_from_triangles(
     grid = _topmost(place, points[:, 2], corners, columns, rows)
     missing = ~np.isfinite(grid)
     if missing.all():
-        # Smaller than a square of the grid, or beside it: its corners are all there is.
+        # The surface is smaller than a square of the grid, or lies beside it: only its corners have heights.
         used = np.unique(corners)
         nodes = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1)
         return Terrain(origin, spacing, points[used, 2][cKDTree(place[used]).query(nodes)[1]])
@@ -97,7 +97,7 @@ def terrain_from_points(
     if not len(found):
         raise CityError("the ground needs points with heights, found none that are numbers")
     columns, rows = _grid_size(bounds, spacing)
-    # What lies far outside has no say; the nearest ones have, where there are none inside.
+    # Points far outside are ignored, unless there are hardly any within reach.
     x0, y0, x1, y1 = bounds
     reach = 0.25 * max(x1 - x0, y1 - y0) + 10.0 * spacing
     near = (
@@ -312,7 +312,7 @@ def _vector_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyp
 
 
 def _height_column(columns: dict[str, NDArray[np.generic]]) -> str | None:
-    """The column of numbers that is called like heights, likeliest name first."""
+    """The column of numbers whose name means heights, the likeliest name first."""
     for wanted in _HEIGHTS:
         for name, values in columns.items():
             if re.sub(r"[^a-z]", "", name.lower()) == wanted and np.asarray(values).dtype.kind in "iuf":

@@ -45,7 +45,7 @@ class _Outline:
 def objects_from_outlines(
     layer: BuildingLayer, shapes: NDArray[np.object_], ledger: Ledger, *, ground: float
 ) -> tuple[CityObject, ...]:
-    """One object a building, in reading order. ``shapes`` are the geometries of ``layer.items`` in metres.
+    """One object for each building, in the order of reading. ``shapes`` are the geometries of ``layer.items`` in metres.
 
     Raises:
         CityError: no outline has a height at all, or none is left.
@@ -102,7 +102,7 @@ def _storeys_below(
 
 
 def _clean(layer: BuildingLayer, shapes: NDArray[np.object_], ledger: Ledger) -> list[_Outline]:
-    """The outlines that stand above the ground and have substance."""
+    """The outlines that stand above the ground and are not too small."""
     standing: list[int] = []
     for i, item in enumerate(layer.items):
         reason = _not_standing(item)

@@ -48,7 +48,7 @@ _MESH_SUFFIXES = (".3ds", ".dae", ".fbx", ".obj", ".ply", ".stl")
 
 _BUILDING_WORDS = ("build", "bldg", "footprint", "bati", "gebaeude", "gebäude", "edific", "house", "pand")
 _STREET_WORDS = ("street", "road", "highway", "route", "rue", "strasse", "straße", "via", "calle", "troncon", "network")
-# pyogrio lets some of Python's own through; NameError when a .prj is no text.
+# pyogrio also raises some of Python's own errors: NameError where a .prj is no text.
 _GDAL_ERRORS = (DataSourceError, RuntimeError, ValueError, NameError)
 _OTHER_FORMATS = MappingProxyType(
     {

@@ -21,7 +21,7 @@ __all__ = [
     "tags_of_rows", "why_no_building", "why_no_street",
 ]  # fmt: skip
 
-# Compared without case and punctuation; first come, first taken.
+# Names are compared without case and punctuation; the first that a layer has is used.
 HEIGHT_COLUMNS = (
     "height", "heightm", "hauteur", "heightag", "buildingheight", "bldgheight", "hoehe", "höhe", "gebhoehe", "altura",
     "altezza", "hoogte", "relh2", "measuredheight", "estheight",

@@ -31,7 +31,7 @@ LEVEL_HEIGHT = 3.2
 """Metres a level."""
 
 OPEN_ROOF_HEIGHT = 4.0
-"""Metres of an open roof (canopy, carport) whose height nobody tagged: neighbours' heights say nothing about it."""
+"""Metres: the height of an open roof (canopy, carport) without a tag; the heights of its neighbours say nothing about it."""
 
 _MAX_HEIGHT = 1000.0
 _MAX_LEVELS = 250.0

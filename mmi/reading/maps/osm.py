@@ -83,7 +83,8 @@ def read_osm(path: Path, ledger: Ledger, *, buildings: bool, streets: bool) -> t
         ways, raw_buildings, raw_streets = _read_ways(
             path, ledger, members, deleted, buildings=buildings, streets=streets
         )
-    except (osmium.InvalidLocationError, RuntimeError, ValueError, EOFError, zlib.error) as error:  # osmium throws many
+    except (osmium.InvalidLocationError, RuntimeError, ValueError, EOFError, zlib.error) as error:
+        # osmium has no class for all of its errors; what decompresses has others.
         raise CityError(f"{path}: expected OpenStreetMap XML or PBF, complete to its end; found: {error}") from error
     assembled: list[RawBuilding] = []
     outlines: set[int] = set()
@@ -107,7 +108,7 @@ def read_osm(path: Path, ledger: Ledger, *, buildings: bool, streets: bool) -> t
 
 
 def _entities(path: Path, kind: Any, places: Any = None) -> Iterator[Any]:  # noqa: ANN401 (osmium's types)
-    """The OSM objects of a kind, in file order; ``places`` is a table of nodes that is filled and used on the way."""
+    """The objects of a kind in the order of the file; ``places`` is a table of nodes that is filled and used meanwhile."""
     processor = osmium.FileProcessor(str(path))
     if places is not None:
         processor = processor.with_locations(places)
@@ -115,7 +116,7 @@ def _entities(path: Path, kind: Any, places: Any = None) -> Iterator[Any]:  # no
 
 
 def _tags_of(tags: Mapping[str, str], keys: tuple[str, ...]) -> dict[str, str]:
-    """Those among ``tags`` that ``keys`` names."""
+    """The ``tags`` whose keys are among ``keys``."""
     return {key: value for key in keys if (value := tags.get(key)) is not None}
 
 
@@ -159,7 +160,7 @@ def _read_relations(
         id_ = f"relation/{relation.id}"
         if streets and "highway" in relation.tags:
             ledger.note("read", "highways")
-            ledger.note("left out", "street: a relation, thus an area", id_)
+            ledger.note("left out", "street: a relation, which is an area", id_)
         if not buildings or not _is_building(relation.tags):
             continue
         ledger.note("read", "buildings" if "building" in relation.tags else "building parts")

@@ -163,7 +163,7 @@ def _numbers(text: str) -> list[tuple[float, float]]:
 
 
 def _edge(element: ElementTree.Element, ledger: Ledger) -> _Edge | None:
-    """A direction of a street; None for what is inside of a junction or no street."""
+    """One direction of a street; None for an edge inside a junction and for one that is no street."""
     id_ = element.get("id", "")
     if element.get("function", "normal") != "normal" or id_.startswith(":"):
         return None
@@ -265,7 +265,7 @@ def _moved(line: NDArray[np.float64], offset: NDArray[np.float64]) -> LineString
 
 
 def _tags(group: list[_Edge]) -> dict[str, str]:
-    """OpenStreetMap's tags for both directions together; lanes of a footway are not lanes, nor is it as wide as they."""
+    """OpenStreetMap's tags for both directions together. A footway has no lanes, and its width is not the sum of theirs."""
     tags = {"highway": group[0].kind or "road"}
     name = next((edge.name for edge in group if edge.name), "")
     if name:
@@ -277,7 +277,7 @@ def _tags(group: list[_Edge]) -> dict[str, str]:
 
 
 def _with_unique_ids(streets: list[RawStreet]) -> list[RawStreet]:
-    """``id`` and ``-id`` that stayed two streets get back their sign."""
+    """The streets; where ``id`` and ``-id`` are two streets, the second gets its sign back."""
     seen: set[str] = set()
     unique = []
     for street in streets:

@@ -82,7 +82,7 @@ def read_cityjson(path: Path, ledger: Ledger, *, lod: str | None = None, crs: py
 
 
 def _documents(path: Path) -> Iterator[tuple[dict[str, Any], Iterator[dict[str, Any]]]]:
-    """The document that says how to read, and what it holds: itself, or the features of a sequence."""
+    """The first document, which says how to read the others, and those with objects: itself, or the features of a sequence."""
     text = path.read_bytes()
     try:
         try:
@@ -356,7 +356,7 @@ def _level(geometry: Mapping[str, Any]) -> float:
 
 
 def _worth(geometry: Mapping[str, Any]) -> tuple[bool, bool, bool]:
-    """Of geometries at one level: pictures first, then what is closed, then colours."""
+    """Rank of a geometry among those of one level: those with pictures first, then closed ones, then those with colours."""
     return bool(geometry.get("texture")), geometry["type"] != "MultiSurface", bool(geometry.get("material"))
 
 

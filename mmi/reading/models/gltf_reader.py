@@ -43,7 +43,7 @@ __all__ = ["read_gltf"]
 
 _Z_UP_FROM_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 _PLUMB = 1e-3
-"""Metres to the side, over a hundred times as many up, that a segment which goes straight up may deviate."""
+"""Metres: a segment goes straight up if it goes less to the side and over a hundred times as much up."""
 _READ_EXTENSIONS = frozenset(
     {"KHR_texture_transform", "KHR_mesh_quantization", WEBP, "KHR_lights_punctual", "KHR_xmp_json_ld"}
 )

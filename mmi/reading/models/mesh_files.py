@@ -37,7 +37,8 @@ MESH_SUFFIXES = (*_GLTF, ".obj", *_BY_TRIMESH)
 """Endings of files that ``read_meshes`` reads."""
 _GROUND_NAMES = frozenset({"terrain", "ground", "relief", "dem", "tin"})
 _OVERLAP = 1.5
-"""Sum of the nodes' boxes over the box of all, seen from above, from which nodes are not buildings beside one another."""
+"""Where the areas of the nodes' boxes, seen from above, add up to more than this times the area of the box of all, the nodes
+lie over one another: they are not one building each."""
 
 
 def is_mesh(path: Path) -> bool:
@@ -114,7 +115,7 @@ def _read_by_trimesh(path: Path, ledger: Ledger) -> ModelLayer:
     suffix = suffix if suffix in _BY_TRIMESH else ".ply"
     try:
         with _silence(), np.errstate(all="ignore"):
-            # From memory: what the file refers to is out of reach.
+            # From memory, so that trimesh cannot open other files that this one refers to.
             loaded = trimesh.load(io.BytesIO(path.read_bytes()), file_type=suffix[1:], process=False)
             mesh = loaded.to_mesh() if isinstance(loaded, trimesh.Scene) else loaded
             colors = _colors(mesh) if isinstance(mesh, trimesh.Trimesh) else None
@@ -140,7 +141,7 @@ def _read_by_trimesh(path: Path, ledger: Ledger) -> ModelLayer:
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """No warnings, and no tracebacks of what trimesh tried in vain on stderr (where nobody asked for its log)."""
+    """Keeps trimesh quiet: no warnings, and no tracebacks on stderr of what it tried in vain (unless its log is set up)."""
     logger, handler = logging.getLogger("trimesh"), logging.NullHandler()
     logger.addHandler(handler)
     try:
@@ -181,7 +182,7 @@ def _are_buildings(layer: ModelLayer) -> bool:
 
 
 def _split(layer: ModelLayer, ledger: Ledger) -> ModelLayer:
-    """The layer with its meshes taken apart; as it was where that yields no more objects than it has nodes."""
+    """The layer with its meshes taken apart, or as it was where that gives no more objects than it has nodes."""
     trial = Ledger()
     models, ground = split_into_objects(joined_meshes([one.mesh for one in layer.items]), trial)
     if len(layer.items) > 1 and len(models) <= len(layer.items):

@@ -80,7 +80,7 @@ def city_of_model(
     terrain: Path | None,
     progress: Progress | None = None,
 ) -> City:
-    """A city of the model's buildings. ``streets`` of another file replace its own; ``progress`` hears of each step.
+    """A city of the model's buildings. ``streets`` of another file replace its own; ``progress`` is told of each step.
 
     Raises:
         CityError: nothing usable; the CRS of the model and of its streets or ground do not agree.
@@ -142,7 +142,7 @@ def _agreed(layer: ModelLayer, lines: StreetLayer | None, override: CRS | None) 
 
 
 def _no_degrees(lines: StreetLayer) -> bool:
-    """Whether coordinates cannot be the degrees that GeoJSON declares for want of anything else."""
+    """Whether coordinates cannot be the degrees that every GeoJSON file declares where it says nothing else."""
     bounds = coordinate_bounds([line for item in lines.items for line in item.lines])
     return lines.crs is not None and lines.crs.is_geographic and max(abs(one) for one in bounds) > 360.0
 
@@ -158,12 +158,12 @@ def _local_frame(layer: ModelLayer, crs: CRS | None) -> LocalFrame:
 
 
 def _boxes(layer: ModelLayer) -> list[Polygon]:
-    """What each building's mesh lies within, in plan."""
+    """The bounding box of each building's mesh, seen from above."""
     return [shapely.box(*shapely.total_bounds(shapely.points(item.mesh.vertices[:, :2]))) for item in layer.items]
 
 
 def _clipped(layer: ModelLayer, crs: CRS | None, clip: Box, ledger: Ledger) -> ModelLayer:
-    """Only what meets the box by its own bounding box; the rest is counted."""
+    """The layer with those buildings whose bounding boxes meet ``clip``; the others are counted."""
     if crs is None:
         raise ParameterError(f"--clip: a model with a coordinate system expected, found {layer.file} (--crs names one)")
     near = meets_box(_boxes(layer), crs, clip)
@@ -178,7 +178,7 @@ def _ground(
     terrain: Path | None,
     ledger: Ledger,
 ) -> Terrain | float:
-    """From a file of its own, the model, or the buildings' feet."""
+    """The ground from the file ``terrain``, else from the model, else from the buildings' feet."""
     bounds = coordinate_bounds([one.footprint for one in objects])
     if terrain is not None:
         return ground_of_file(terrain, frame, bounds, ledger)

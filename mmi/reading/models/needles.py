@@ -17,13 +17,13 @@ __all__ = ["without_needles"]
 _HEIGHT = 6e-4
 """Metres: a triangle less high than that over its longest side is a needle."""
 _FOLDED = 1.5e-3
-"""Metres: so is one less high than that which rounding has turned over, onto a neighbour."""
+"""Metres: a triangle that rounding has folded over onto a neighbour is a needle if it is less high than this."""
 _ROUNDS = 16
-"""A needle whose neighbour is one, too, waits for that: divided, the two would only change places."""
+"""Most rounds. A needle whose neighbour is a needle as well waits for the next round: divided, the two would change places."""
 
 
 def without_needles(mesh: TriangleMesh) -> TriangleMesh:
-    """The mesh without triangles that have no area; what has a middle corner divides its neighbour, see above."""
+    """The mesh without triangles that have no area; a needle's middle corner divides the neighbour, as told above."""
     for _ in range(_ROUNDS):
         place = weld(mesh.vertices)[mesh.triangles]
         following = np.roll(place, -1, axis=1)

@@ -36,7 +36,7 @@ __all__ = ["objects_from_models"]
 _FOOT = 1.0
 """Metres above a mesh's lowest point up to which its floor may lie or be missing."""
 _LEVEL = 1e-3
-"""Of the normal's vertical part: what is less is a wall."""
+"""A triangle whose unit normal has a vertical part below this is a wall."""
 _THIN = 0.02
 """Metres around walls that bound nothing (a sheet, a fence), so that they have a footprint."""
 _GRID = 1e-3
@@ -48,9 +48,9 @@ _WORTH = 0.15
 _LEAST_CORE = 4.0
 """Square metres: smaller pieces of a core hide nothing worth a prism."""
 _LOW_CORE = 2.0
-"""Metres: nor do lower ones."""
+"""Metres: lower pieces of a core hide nothing worth a prism, either."""
 _ROUGH = 120
-"""Points of an outline from which it is simplified, outwards."""
+"""Outlines with more points than this are simplified; they only grow by it."""
 
 
 def objects_from_models(
@@ -60,7 +60,7 @@ def objects_from_models(
     *,
     progress: Progress | None = None,
 ) -> tuple[CityObject, ...]:
-    """The layer's buildings in the city's frame, into which ``move`` takes points (n, 3); ``progress`` hears of each.
+    """The layer's buildings in the city's frame, into which ``move`` takes points (n, 3); each is told to ``progress``.
 
     Raises:
         CityError: no building has a volume or an area.
@@ -113,14 +113,14 @@ def _cleaned(mesh: TriangleMesh, name: str, ledger: Ledger) -> TriangleMesh | No
     first[np.unique((rolled[:, 0] * len(order) + rolled[:, 1]) * len(order) + rolled[:, 2], return_index=True)[1]] = (
         True
     )
-    first |= area <= 1e-9  # those go for another reason
+    first |= area <= 1e-9  # these are dropped for another reason
     keep = (area > 1e-9) & first
     if not keep.any():
         ledger.note("left out", "building: no surface with an area", name)
         return None
     if not first.all():
         ledger.note("repaired", "building: repeated faces dropped", name, count=int((~first).sum()))
-    # What no triangle uses would be no part of the building, but count in its bounds.
+    # A point that no triangle uses is no part of the building, but would count in its bounds.
     used, corner = np.unique(triangles[keep], return_inverse=True)
     return TriangleMesh(
         mesh.vertices[order[used]],

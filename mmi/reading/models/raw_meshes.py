@@ -45,7 +45,7 @@ def linked(n: int, a: NDArray[np.integer[Any]], b: NDArray[np.integer[Any]]) -> 
 def placed_corners(
     points: NDArray[np.float64], triangles: NDArray[np.int64], name: str, ledger: Ledger
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """``points`` (n, 3) with 0 for those that are no numbers or absurdly far, and which ``triangles`` (m,) use none of them."""
+    """``points`` (n, 3) with 0 for those that are no numbers or absurdly far, and which triangles (m,) have none of these."""
     with np.errstate(invalid="ignore"):
         sound = np.asarray(np.abs(points).max(axis=1) <= _FARTHEST)
     if sound.all():

@@ -27,24 +27,24 @@ _WELD = 0.001
 _TOUCH = 0.05
 """Metres between plans, or between the top of a part and the foot of the next, that count as touching."""
 _STOREY = 2.0
-"""Metres at least from the foot of a part to that of one that stands on it."""
+"""Metres by which the foot of a part that stands on another is higher than the other's foot, at least."""
 _LEVEL = 0.7
 """Upward share of the normal of a triangle that may be ground: slopes up to 45 degrees."""
 _WIDE = 50.0
 """Metres across, and the share below of the whole plan, from which a level surface may be ground."""
 _WIDE_SHARE = 0.02
 _OPEN_SHARE = 0.6
-"""Share of its box that the box of its free edges has: a floor has walls all round, ground ends in nothing."""
+"""Share of a surface's box that the box of its free edges has at least if it is ground: a floor has walls all around."""
 _EAVES = 2.0
 """Metres in plan from the rim of a roof to its walls."""
 _ROOF_SHARE = 0.5
-"""Share of a surface's rim with walls below it from which it is a roof; an embankment has less."""
+"""A surface with walls below at least this share of its rim is a roof; an embankment has fewer."""
 _LOW = 0.6
 """Metres: what is lower is a kerb or a plate, not a building."""
 _SMALL = 1.0
 """Metres: what is smaller in all directions is furniture."""
 _CITY = 100.0
-"""Metres across from which a model is taken for a city in metres, and the sizes above mean something."""
+"""Metres: a model at least so wide is taken for a city in metres; the sizes above are used only then."""
 
 
 def split_into_objects(
