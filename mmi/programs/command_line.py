@@ -8,9 +8,13 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from mmi.foundation.errors import MmiError
+from mmi.foundation.progress import Progress, ProgressLog, silent
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as RichProgress
 
 __all__ = [
     "Parser",
@@ -54,33 +58,40 @@ def run_program(
 
 
 class ProgressBar:
-    """A progress bar on standard error, as a context manager that yields what to call: done, total, and what was done.
+    """Progress on standard error, as a context manager that yields what to call: done, total, and what was done.
 
-    ``things`` is what is counted.
+    A bar on a terminal, a line now and then where output is redirected, nothing if ``quiet``. ``things`` is what is counted.
     """
 
     def __init__(self, things: str, *, quiet: bool = False) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+        self._things, self._quiet = things, quiet
+        self._bar: RichProgress | None = None
 
-        self._bar = Progress(
-            TextColumn(things),
+    def __enter__(self) -> Progress:
+        if self._quiet:
+            return silent
+        if not sys.stderr.isatty():
+            return ProgressLog(self._things)
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bar
+
+        self._bar = bar = Bar(
+            TextColumn(self._things),
             BarColumn(),
             MofNCompleteColumn(),
             TimeRemainingColumn(),
             TextColumn("{task.description}"),
             console=Console(stderr=True),
-            disable=quiet or not sys.stderr.isatty(),
             transient=True,
         )
-        self._task = self._bar.add_task("preparing", total=None)
-
-    def __enter__(self) -> Callable[[int, int, str], None]:
-        self._bar.start()
-        return lambda done, total, name: self._bar.update(self._task, completed=done, total=total, description=name)
+        task = bar.add_task("preparing", total=None)
+        bar.start()
+        return lambda done, total, name: bar.update(task, completed=done, total=total, description=name)
 
     def __exit__(self, *_: object) -> None:
-        self._bar.stop()
+        if self._bar is not None:
+            self._bar.stop()
 
 
 def look_here_for_plug_ins() -> None:

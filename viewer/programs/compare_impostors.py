@@ -150,11 +150,7 @@ def _compare(options: argparse.Namespace) -> None:
             write_walk(walk, options.save_path)
         return walk
 
-    with ProgressBar("comparison", quiet=options.quiet) as advance:
-
-        def tell(what: str, done: int, total: int) -> None:
-            advance(done, total, what)
-
+    with ProgressBar("comparison", quiet=options.quiet) as tell:
         if path is not None or options.tour is not None:
             report = compare_walk(
                 options.dataset,

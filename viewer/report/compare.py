@@ -17,6 +17,7 @@ import numpy as np
 
 from mmi.dataset.reading import Dataset, open_dataset
 from mmi.foundation.errors import ParameterError
+from mmi.foundation.progress import Progress, silent
 from viewer.cells.cell_cache import CacheReport
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.drawn_picture import DrawnPicture
@@ -34,7 +35,7 @@ from viewer.report.entries import (
     technique_of,
     worst_views,
 )
-from viewer.report.options import CompareOptions, Progress
+from viewer.report.options import CompareOptions
 from viewer.report.page import write_report
 from viewer.report.walk_scores import score_walk, spread
 from viewer.runtime.loop import Frame, FrameLoop, FrameTimes, run_walk
@@ -43,7 +44,7 @@ from viewer.techniques.catalogue import MAIN, REFERENCE, make_technique
 from viewer.walks.random_views import random_views
 from viewer.walks.walk import Step, Walk
 
-__all__ = ["CompareOptions", "Progress", "compare_views", "compare_walk"]
+__all__ = ["CompareOptions", "compare_views", "compare_walk"]
 
 _LONGEST_WEBP = 2 << 30
 """Bytes of frames: an animated WebP is made of all of them at once."""
@@ -62,9 +63,9 @@ def compare_views(
 ) -> dict[str, Any]:
     """Compare techniques in ``views`` random views inside the dataset's cells; the report that was written into ``out``.
 
-    Raises ParameterError, DatasetError, CaptureError.
+    ``progress`` is called with (done, of all, what is being done). Raises ParameterError, DatasetError, CaptureError.
     """
-    options, tell = options or CompareOptions(), progress or _silent
+    options, tell = options or CompareOptions(), progress or silent
     main = _open(dataset, out)
     poses = random_views(main.whereabouts.cells, views, seed=seed, terrain=main.terrain)
     cells = [main.whereabouts.cell_at(np.array(pose.eye), current=None) for _, pose in poses]
@@ -78,7 +79,7 @@ def compare_views(
     ):
         device = renderer.device
         for done, (_, pose) in enumerate(poses):
-            tell("views timed", done, views)
+            tell(done, views, "views timed")
             view = pose.view(main.camera)
             for entry in options.entries:
                 plan = make_technique(entry, scenes).plan(view, now=0.0, budget=Budget())
@@ -93,13 +94,13 @@ def compare_views(
         Judge(main, renderer, cache, keep=options.keep, flip=options.flip, workers=options.workers) as judge,
     ):
         for done, ((_, pose), cell) in enumerate(zip(poses, cells, strict=True) if compared else ()):
-            tell("views scored", done, views)
+            tell(done, views, "views scored")
             view = pose.view(main.camera)
             truth = judge.truth(make_technique(REFERENCE, scenes).plan(view, now=0.0, budget=Budget()), pose, cell)
             for entry in compared:
                 plan = make_technique(entry, scenes).plan(view, now=0.0, budget=Budget())
                 judge.score(entry.name, plan, pose, truth, cell=cell)
-        tell("views scored", views, views)
+        tell(views, views, "views scored")
         scores = by_technique(judge.results())
         worst = worst_views(judge, [entry.name for entry in compared], out)
     techniques = {
@@ -129,9 +130,10 @@ def compare_walk(
 ) -> dict[str, Any]:
     """Compare techniques along a walk, or one made from the scene; the report that was written into ``out``.
 
-    ``mode`` is what the report calls it: ``path`` or ``tour``. Raises ParameterError, DatasetError, CaptureError.
+    ``mode`` is what the report calls it: ``path`` or ``tour``. ``progress`` is called with (done, of all, what is being done).
+    Raises ParameterError, DatasetError, CaptureError.
     """
-    options, tell = options or CompareOptions(), progress or _silent
+    options, tell = options or CompareOptions(), progress or silent
     main = _open(dataset, out)
     if not isinstance(walk, Walk):
         walk = walk(main)
@@ -156,7 +158,7 @@ def compare_walk(
             loop = FrameLoop(technique, renderer, cache, camera=main.camera, budget=budget)
             runs[entry.name] = run_walk(steps, loop, shown=_telling(tell, number * len(steps), frames))
             loads[entry.name] = cache.report
-    tell("frames timed", frames, frames)
+    tell(frames, frames, "frames timed")
 
     found = score_walk(main, scenes, steps, runs, out, options, tell)
     techniques = {
@@ -218,7 +220,7 @@ def _scenes(
             out / "single-mesh",
             sorted(set(cells)),
             workers=options.workers,
-            progress=lambda done, total, _: tell("cells of single-mesh", done, total),
+            progress=lambda done, total, _: tell(done, total, "cells of single-mesh"),
         )
     return scenes
 
@@ -247,8 +249,4 @@ def _places(scene: WalkScene, steps: Sequence[Step]) -> list[str]:
 
 def _telling(tell: Progress, before: int, frames: int) -> Callable[[Step, Frame], None]:
     """What tells of each frame that was timed; ``before`` of all ``frames`` were timed by other techniques."""
-    return lambda step, _: tell("frames timed", before + step.index, frames)
-
-
-def _silent(what: str, done: int, total: int) -> None:
-    """No progress."""
+    return lambda step, _: tell(before + step.index, frames, "frames timed")

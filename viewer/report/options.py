@@ -11,10 +11,7 @@ from mmi.foundation.errors import ParameterError
 from mmi.foundation.plug_ins import PlugIn
 from viewer.techniques.catalogue import TECHNIQUES, TechniqueEntry, find_technique
 
-__all__ = ["CompareOptions", "Progress"]
-
-Progress = Callable[[str, int, int], None]
-"""Called with what is being done, how much of it is done, and how much there is."""
+__all__ = ["CompareOptions"]
 
 _SAMPLES = (0, 2, 4, 8, 16)
 

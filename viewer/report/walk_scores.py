@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mmi.foundation.progress import Progress
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
@@ -19,7 +20,7 @@ from viewer.measuring.judge import Judge, Scored
 from viewer.measuring.view_errors import pop
 from viewer.plan import Budget
 from viewer.report.entries import by_technique, worst_views
-from viewer.report.options import CompareOptions, Progress
+from viewer.report.options import CompareOptions
 from viewer.report.pictures import side_by_side
 from viewer.report.video import VideoWriter
 from viewer.runtime.loop import FrameTimes
@@ -79,7 +80,7 @@ def score_walk(
     ):
         before: dict[str, DrawnPicture] = {}
         for step in steps:
-            tell("frames scored", step.index, len(steps))
+            tell(step.index, len(steps), "frames scored")
             view = step.pose.view(main.camera)
             plans = {name: walkers[name].plan(view, now=step.time, budget=budget) for name in names}
             if step.index in chosen and compared:
@@ -103,7 +104,7 @@ def score_walk(
                     largest[name, entry] = max(found, largest.get((name, entry), -1.0))
             add([shown[name].color for name in names] if film.wanted else [])
             before = shown
-        tell("frames scored", len(steps), len(steps))
+        tell(len(steps), len(steps), "frames scored")
         scores = by_technique(judge.results())
         worst = worst_views(judge, compared, out)
     pops = {one.name: [value for (name, _), value in largest.items() if name == one.name] for one in options.entries}

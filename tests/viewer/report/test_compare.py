@@ -142,8 +142,8 @@ def test_a_walk_is_told_frame_by_frame(walked):
     assert report["videos"] == ["walk.webp"]
     with Image.open(out / "walk.webp") as film:
         assert film.n_frames == frames
-    assert {what for what, *_ in told} >= {"frames timed", "frames scored", "cells of single-mesh"}
-    timed = [done for what, done, _ in told if what == "frames timed"]
+    assert {what for *_, what in told} >= {"frames timed", "frames scored", "cells of single-mesh"}
+    timed = [done for done, _, what in told if what == "frames timed"]
     assert timed == [*range(5 * frames), 5 * frames]
 
 

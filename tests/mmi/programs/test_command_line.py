@@ -1,0 +1,49 @@
+"""What programs share: progress where somebody watches, where nobody does, and where it is not wanted."""
+
+import io
+import sys
+
+import pytest
+
+from mmi.foundation.progress import ProgressLog, silent
+from mmi.programs.command_line import ProgressBar
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_output_that_is_redirected_gets_lines_and_no_bar(capsys):
+    with ProgressBar("cells") as tell:
+        assert isinstance(tell, ProgressLog)
+        tell(0, 9, "street")
+    assert capsys.readouterr().err == "", "it has only just begun"
+
+
+def test_lines_go_to_standard_error_when_it_is_time(capsys):
+    clock = iter([0.0, 1.0, 61.0])
+    tell = ProgressLog("cells", clock=lambda: next(clock))
+    tell(1, 9, "a")
+    tell(3, 9, "b")
+    told = capsys.readouterr()
+    assert told.err == "cells: 3 of 9, about 3 min left (b)\n"
+    assert told.out == ""
+
+
+def test_a_terminal_gets_a_bar(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    monkeypatch.setenv("TERM", "xterm-256color")
+    with ProgressBar("cells") as tell:
+        assert not isinstance(tell, ProgressLog)
+        tell(3, 9, "Aleksanterinkatu")
+    assert "Aleksanterinkatu" in sys.stderr.getvalue()
+
+
+@pytest.mark.parametrize("stream", [Terminal, io.StringIO])
+def test_who_wants_it_quiet_gets_nothing(monkeypatch, stream):
+    monkeypatch.setattr(sys, "stderr", stream())
+    with ProgressBar("cells", quiet=True) as tell:
+        assert tell is silent
+        tell(3, 9, "Aleksanterinkatu")
+    assert sys.stderr.getvalue() == ""
