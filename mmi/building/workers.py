@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import signal
 import traceback
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -28,7 +27,7 @@ from mmi.dataset.folder import DatasetFolder
 from mmi.dataset.manifest import FORMAT_VERSION, CellEntry, CellRecord
 from mmi.foundation.errors import DatasetError, MmiError
 from mmi.foundation.json_forms import fingerprint
-from mmi.foundation.processes import package_version, peak_memory, without_interrupts
+from mmi.foundation.processes import how_it_ended, package_version, peak_memory, without_interrupts
 from mmi.foundation.stopwatch import Stopwatch
 from mmi.planning.parameters import BuildParameters
 from mmi.planning.plan import CellPlan, plan_cell, prepare_city
@@ -232,16 +231,9 @@ def _deal(folder: DatasetFolder, jobs: list[Job], crew: Mapping[Connection, Base
 
 def _ended(folder: DatasetFolder, process: BaseProcess) -> DatasetError:
     """What to say of a worker process that is no more."""
-    process.join(timeout=1.0)
-    code = process.exitcode
-    how = f"with status {code}"
-    if code is not None and code < 0:
-        how = f"by signal {-code}" + (
-            ", which the system sends when memory runs out" if -code == signal.SIGKILL else ""
-        )
     return DatasetError(
-        f"{folder.path}: a worker process ended unexpectedly ({how}); run the same command again, perhaps with fewer "
-        "--workers: finished cells are kept"
+        f"{folder.path}: a worker process ended unexpectedly ({how_it_ended(process)}); run the same command again, "
+        "perhaps with fewer --workers: finished cells are kept"
     )
 
 

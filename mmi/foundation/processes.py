@@ -1,4 +1,4 @@
-"""What a process knows of itself and its like: peak memory, the version of the package, starting others without Ctrl-C."""
+"""What a process knows of itself and its like: peak memory, the version of the package, how others start and have ended."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from multiprocessing import resource_tracker
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-__all__ = ["package_version", "peak_memory", "usable_cores", "without_interrupts"]
+__all__ = ["how_it_ended", "package_version", "peak_memory", "usable_cores", "without_interrupts"]
 
 
 def package_version() -> str:
@@ -29,6 +30,15 @@ def without_interrupts() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def how_it_ended(process: BaseProcess) -> str:
+    """For a message, how a process ended that should not have: by which signal, or with which status."""
+    process.join(timeout=1.0)
+    code = process.exitcode
+    if code is None or code >= 0:
+        return f"with status {code}"
+    return f"by signal {-code}" + (", which the system sends when memory runs out" if -code == signal.SIGKILL else "")
 
 
 def peak_memory(*, shared: bool = True) -> int:

@@ -16,7 +16,8 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
+from multiprocessing.process import BaseProcess
 from types import TracebackType
 from typing import NamedTuple
 
@@ -25,7 +26,7 @@ from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 from mmi.foundation.errors import CaptureError
-from mmi.foundation.processes import without_interrupts
+from mmi.foundation.processes import how_it_ended, without_interrupts
 from viewer.cells.cell_cache import CellCache
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
@@ -83,12 +84,16 @@ class Judge:
         self._keep, self._flip = keep, flip
         self._panorama: tuple[str, dict[int, tuple[View, NDArray[np.float32]]]] = ("", {})
         self._pool: ProcessPoolExecutor | None = None
+        self._processes: list[BaseProcess] = []
         if workers > 1:
             # No more than can be busy at a time.
             processes = min(workers, _PENDING + 1)
+            others = active_children()
             self._pool = ProcessPoolExecutor(processes, get_context("spawn"), initializer=_ignore_interrupts)
-            with without_interrupts():  # the first task starts all processes
-                self._pool.submit(os.getpid)
+            with without_interrupts():  # a task that meets no idle process starts one: all of them at once, here
+                for _ in range(processes):
+                    self._pool.submit(os.getpid)
+            self._processes = [process for process in active_children() if process not in others]
         self._pending: list[tuple[_Where, DrawnPicture, DrawnPicture, Future[ViewErrors]]] = []
         self._worst: dict[str, list[tuple[float, float, int, WorstView]]] = {}
         self._scored: list[Scored] = []
@@ -130,7 +135,7 @@ class Judge:
         if self._pool is None:
             self._settle(where, picture, shown, _compare(*task))
         else:
-            with _while_alive():
+            with self._while_alive():
                 self._pending.append((where, picture, shown, self._pool.submit(_compare, *task)))
         if len(self._pending) > _PENDING:
             self._settle_first()
@@ -148,9 +153,20 @@ class Judge:
         for *_, view in sorted(self._worst.get(technique, []), key=lambda one: (-one[0], -one[1], one[2])):
             yield view
 
+    @contextmanager
+    def _while_alive(self) -> Iterator[None]:
+        try:
+            yield
+        except BrokenProcessPool as error:
+            # When one ends the others are told to (SIGTERM): the one to blame is another one, if there is any.
+            ended = [process for process in self._processes if process.exitcode not in (None, 0)]
+            ended.sort(key=lambda process: process.exitcode == -signal.SIGTERM)
+            how = f" ({how_it_ended(ended[0])})" if ended else ""
+            raise CaptureError(f"a process that compares pictures ended unexpectedly{how}") from error
+
     def _settle_first(self) -> None:
         where, truth, shown, future = self._pending.pop(0)
-        with _while_alive():
+        with self._while_alive():
             errors = future.result()
         self._settle(where, truth, shown, errors)
 
@@ -202,14 +218,6 @@ def _compare(
     truth: DrawnPicture, shown: DrawnPicture, focal: float, disoccluded: NDArray[np.bool_], flip: bool
 ) -> ViewErrors:
     return view_errors(truth, shown, focal=focal, disoccluded=disoccluded, flip=flip)
-
-
-@contextmanager
-def _while_alive() -> Iterator[None]:
-    try:
-        yield
-    except BrokenProcessPool as error:
-        raise CaptureError("a process that compares pictures ended unexpectedly (out of memory?)") from error
 
 
 def _ignore_interrupts() -> None:

@@ -46,6 +46,7 @@ dl { font-size: .875rem; display: grid; grid-template-columns: max-content 1fr; 
 dt { font-weight: 600; } dd { margin: 0; }
 figure { margin: .6rem 0; } img, video { display: block; max-width: 100%; height: auto; }
 .wide img { width: 100%; min-width: 36rem; } .plot { max-width: 60rem; } figcaption { font-size: .875rem; }
+.narrow { display: none; } @media (max-width: 44rem) { .narrow { display: block; color: #666; font-size: .875rem; } }
 """
 
 
@@ -85,6 +86,7 @@ def _page(report: Mapping[str, Any], folder: Path) -> str:
     parts = [
         f"<h1>{title}</h1>",
         f"<p>{_summary(report)}</p>",
+        '<p class="narrow">Tables and pictures are wider than this window: move them sideways.</p>',
         "<h2>Errors</h2>",
         table(report, WRONG),
         table(report, LIKENESS),
