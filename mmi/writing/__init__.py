@@ -1,5 +1,4 @@
-"""Cities as files for others: CityJSON 2.0 and glTF, and checks of what was written.
+"""Cities as files for others: CityJSON 2.0 (``cityjson_writer``, with ``cityjson_geometry``) and glTF (``gltf_writer``).
 
-``cityjson_writer`` (with ``cityjson_geometry``) and ``gltf_writer`` write; ``cityjson_checks`` and ``solids`` say what is wrong
-with a city or a solid in the words of val3dity.
+What is written goes to disk whole or not at all, and the same city gives the same bytes.
 """

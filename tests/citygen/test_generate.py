@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import shapely
+from cityjson_checks import check_cityjson
 
 from citygen.buildings.houses import ROOF_KINDS, STYLES, house
 from citygen.buildings.objects import party_walls, triangle_count
@@ -15,7 +16,6 @@ from citygen.metropolis import metropolis
 from citygen.presets import PRESETS
 from mmi.city.model import City
 from mmi.foundation.errors import ParameterError
-from mmi.writing.cityjson_checks import check_cityjson
 from mmi.writing.cityjson_writer import write_cityjson
 
 CITIES = {"hamlet": 2, "montmartre": 3, "manhattan": 1, "metropolis": 4}

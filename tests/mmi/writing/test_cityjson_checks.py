@@ -4,12 +4,12 @@ import copy
 import json
 
 import pytest
+from cityjson_checks import check_cityjson
 from model_cities import model_city
+from solid_checks import NAMES
 
 from mmi.foundation.errors import CityError
-from mmi.writing.cityjson_checks import check_cityjson
 from mmi.writing.cityjson_writer import write_cityjson
-from mmi.writing.solids import NAMES
 
 
 @pytest.fixture(scope="module")

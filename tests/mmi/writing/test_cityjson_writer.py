@@ -10,6 +10,7 @@ import networkx as nx
 import numpy as np
 import pytest
 from cities import HELSINKI, block, city_of, crossroads
+from cityjson_checks import check_cityjson
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from model_cities import BOX_TRIANGLES, ORIGIN, box_corners, chequers, dressed_box, model_city
@@ -21,7 +22,6 @@ from mmi.city.triangulate import triangulate
 from mmi.city.welding import is_closed
 from mmi.foundation.errors import CityError, ParameterError
 from mmi.reading.read_city import read_city
-from mmi.writing.cityjson_checks import check_cityjson
 from mmi.writing.cityjson_writer import CityJSONSeqWriter, write_cityjson
 
 

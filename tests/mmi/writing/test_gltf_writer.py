@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from model_cities import BOX_TRIANGLES, ORIGIN, box_corners, dressed_box, model_city
 from shapely import affinity
 from shapely.geometry import Polygon, box
+from solid_checks import check_mesh
 
 from mmi.city.model import City, CityObject, Prism, TriangleMesh
 from mmi.city.welding import is_closed, volume
@@ -23,7 +24,6 @@ from mmi.foundation.errors import CityError
 from mmi.foundation.srgb import srgb_from_linear
 from mmi.reading.read_city import read_city
 from mmi.writing.gltf_writer import write_glb
-from mmi.writing.solids import check_mesh
 
 VALIDATE = """
 const validator = require("gltf-validator"), fs = require("fs");

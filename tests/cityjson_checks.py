@@ -1,4 +1,4 @@
-"""Whether a CityJSON document holds together: what ``mmi.writing.solids`` says of its geometry, and every index in it.
+"""Whether a CityJSON document holds together: what ``solid_checks`` says of its geometry, and every index in it.
 
 The second is what the schema cannot say (cjval's names): indices of vertices, semantics, materials and textures, vertices
 that are there twice or for nothing, and parents and children that know each other.
@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from solid_checks import Defect, Surface, check_solid, check_surfaces
 
 from mmi.city.welding import weld
 from mmi.foundation.errors import CityError
-from mmi.writing.solids import Defect, Surface, check_solid, check_surfaces
 
 __all__ = ["check_cityjson"]
 
@@ -96,7 +96,7 @@ def _geometry(
     return found
 
 
-def _shape(nested: Any, depth: int) -> Any:  # noqa: ANN401 - lists in lists
+def _shape(nested: Any, depth: int) -> Any:
     """How many there are of what, down to ``depth`` lists deep; None where there is no list."""
     if not isinstance(nested, list):
         return None

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from model_cities import BOX_TRIANGLES, QUADS, box_corners, dressed_box, open_box
+from solid_checks import NAMES, check_mesh, check_solid, check_surfaces
 
 from mmi.city.model import TriangleMesh
 from mmi.city.welding import is_closed, volume, weld
-from mmi.writing.solids import NAMES, check_mesh, check_solid, check_surfaces
 
 CUBE = box_corners(0, 0, 0, 10, 10, 10)
 SHELL = [[list(quad)] for quad in QUADS]
