@@ -1,1 +1,1 @@
-"""Cities to order: generated street networks, blocks, buildings and relief, for tests, demonstrations and benchmarks."""
+"""Generated cities: street networks, blocks, buildings and relief, for tests, demonstrations and benchmarks."""

@@ -19,7 +19,7 @@ __all__ = ["citygen"]
 
 _SUFFIXES = (".json", ".jsonl", ".glb")
 _LARGE = 20_000
-"""Buildings from which on a metropolis goes to its file district by district."""
+"""A metropolis of more buildings is written to its file district by district."""
 _VEHICLES, _SECONDS = 60, 60.0
 _EXAMPLE = """\
 examples:
@@ -33,7 +33,7 @@ give the same city.
 
 
 def citygen(arguments: Sequence[str] | None = None) -> NoReturn:
-    """``citygen PRESET -o FILE``: a city to order."""
+    """Run ``citygen PRESET -o FILE``: generate a city and write it."""
     run_program(_parser(), arguments, _run, kept="no file was changed")
 
 
@@ -44,28 +44,41 @@ def _parser() -> Parser:
         epilog=_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("preset", nargs="?", metavar="PRESET", help=f"{', '.join(PRESETS)} (see --list)")
+    parser.add_argument("preset", nargs="?", metavar="PRESET", help=f"which city: {', '.join(PRESETS)} (see --list)")
     parser.add_argument(
-        "-o", "--output", type=path_option, action="append", metavar="FILE", help="file to write (again for more)"
+        "-o",
+        "--output",
+        type=path_option,
+        action="append",
+        metavar="FILE",
+        help="file to write; may be given several times",
     )
     parser.add_argument("--list", action="store_true", help="list the presets and what they are")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="another number, another city (default: 0)")
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        metavar="S",
+        help="seed of all random choices: another number gives another city (default: 0)",
+    )
     parser.add_argument(
         "--detail",
         type=int,
         metavar="0..3",
-        help="of houses: 0 prisms, 1 textured walls and roofs, 2 windows and doors, 3 balconies and dormers "
-        "(default: as fits the preset)",
+        help="detail of houses: 0 prisms, 1 textured walls and roofs, 2 windows and doors, 3 balconies and dormers "
+        "(default: the preset's own)",
     )
-    parser.add_argument("--buildings", type=int, metavar="N", help="of metropolis: 1000 to 1000000 (default: 10000)")
-    parser.add_argument("--json", action="store_true", help="the statistics as JSON on standard output")
-    parser.add_argument("--quiet", action="store_true", help="no progress, no statistics")
+    parser.add_argument(
+        "--buildings", type=int, metavar="N", help="how many buildings metropolis has, 1000 to 1000000 (default: 10000)"
+    )
+    parser.add_argument("--json", action="store_true", help="print the statistics as JSON on standard output")
+    parser.add_argument("--quiet", action="store_true", help="print no progress and no statistics")
     return parser
 
 
 @dataclass(slots=True)
 class _Count:
-    """What a city has, counted while it goes by."""
+    """How much a city has, counted while its objects are written."""
 
     blocks: int
     streets: int
@@ -145,7 +158,7 @@ def _checked(options: argparse.Namespace) -> list[Path]:
 
 
 def _write(options: argparse.Namespace, outputs: list[Path], advance: Callable[[int, int, str], None]) -> _Count:
-    """A city that fits into memory, to all the files."""
+    """Generate a city that fits into memory, and write it to all the files."""
     from citygen.generate import generate
     from mmi.writing.cityjson_writer import write_cityjson
     from mmi.writing.gltf_writer import write_glb
@@ -166,7 +179,7 @@ def _write(options: argparse.Namespace, outputs: list[Path], advance: Callable[[
 
 
 def _write_traffic(city: City, paths: Sequence[Path], seed: int) -> None:
-    """Where vehicles are over time, beside the city's files."""
+    """Write where vehicles are over time, beside the city's files."""
     from citygen.traffic.traffic import traffic
     from mmi.foundation.whole_files import write_whole
 
@@ -184,7 +197,7 @@ def _count(city: City) -> _Count:
 
 
 def _stream(options: argparse.Namespace, outputs: list[Path], advance: Callable[[int, int, str], None]) -> _Count:
-    """A city that may not fit, district by district."""
+    """Generate a city that may not fit into memory, and write it district by district."""
     import numpy as np
 
     from citygen.metropolis import metropolis

@@ -1,4 +1,4 @@
-"""From a name and a seed to a city, told top to bottom: ground, streets, blocks, buildings, landmarks, objects.
+"""From a name and a seed to a city, stage by stage: ground, streets, blocks, buildings, landmarks, objects.
 
 Each stage draws from random numbers of its own, so that a change of one leaves the others' choices alone.
 """

@@ -33,7 +33,7 @@ _ZONES: tuple[tuple[float, Custom], ...] = (
 )
 """Customs, and how far out they reach: shares of the city's radius."""
 _PER_BLOCK = 14.6
-"""Buildings on a block, on average over the city; a little less than there are, so that there are enough."""
+"""Buildings on a block, on average over the city: a little less than the true number, so that there are enough blocks."""
 _DISTRICT = 64
 """Blocks that are built at a time."""
 _LEAST, _MOST = 1_000, 1_000_000

@@ -1,4 +1,4 @@
-"""The cities that can be ordered, by name, and the customs by which their quarters are built."""
+"""The cities that can be generated, by name, and the customs by which their quarters are built."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Preset:
-    """A city to order: its ``name``, one line about it, and the ``detail`` of its houses if none is asked for.
+    """A city that can be generated: its ``name``, one line about it, and the ``detail`` of its houses if none is asked for.
 
     ``detail`` None mixes details until the city has as many triangles as its model. Only a ``counted`` city takes a number
     of buildings.
@@ -54,7 +54,7 @@ PRESETS = MappingProxyType(
             ),
             Preset("forest", "trees instead of houses"),
             Preset("living-room", "furniture instead of houses: a room and its walls"),
-            Preset("pipes", "a refinery: pipes, tanks and frames"),
+            Preset("pipes", "pipes instead of houses: racks of straight pieces, elbows and valves"),
             Preset("traffic", "the radial town with vehicles, whose ways go into a .traffic.json beside the city"),
         )
     }

@@ -21,9 +21,9 @@ __all__ = ["Buildings", "Custom", "develop", "join_buildings", "keep_buildings"]
 _GROUND_FLOOR = 0.9
 """Metres that the lowest storey is higher than the others."""
 _THINNEST = 1.7
-"""Metres of area by outline: a piece of land with less is no building (a strip 3.4 m wide)."""
+"""Metres of area over length of outline: a piece of land with less carries no building (such as a strip 3.4 m wide)."""
 _LARGE_YARD = 4500.0
-"""Square metres of courtyard from which on there are houses in it."""
+"""Square metres: in a larger courtyard there are houses, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +122,7 @@ def keep_buildings(buildings: Buildings, kept: NDArray[np.bool_]) -> Buildings:
 
 
 def join_buildings(parts: list[tuple[Buildings, NDArray[np.int64]]]) -> Buildings:
-    """One from many; with each part the numbers of its blocks. In the order of these numbers."""
+    """All buildings of several parts, in the order of their blocks; each part comes with the numbers of its blocks."""
     starts = np.cumsum([0, *(len(part.footprints) for part, _ in parts)])
     blocks = np.concatenate([numbers[part.blocks] for part, numbers in parts])
     order = np.argsort(blocks, kind="stable")
@@ -217,7 +217,7 @@ def _tiers(
 
 _L_SHAPE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.55], [0.45, 0.55], [0.45, 1.0], [0.0, 1.0]]) - 0.5
 _RECTANGLE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.5, 1.0], [0.0, 1.0], [0.0, 0.5]]) - 0.5
-"""Six corners, too, of which two lie in the middle of a side: they are left out at the end."""
+"""As many corners as the L has; two of them lie in the middle of a side and are left out at the end."""
 
 
 def _detached(

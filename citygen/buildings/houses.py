@@ -137,7 +137,7 @@ def _check(
 
 
 def _look(base: float, eaves: float, style: str, rng: np.random.Generator) -> Look:
-    """What is left to chance; and floors: a higher one on the ground, as many above as are near 3.2 m high."""
+    """What is left to chance, and the heights of floors: the ground floor is higher, those above are about 3.2 m high."""
     dice = rng.random(5)
     shops = bool(dice[0] < 0.55) and eaves - base > 6.5
     first = 4.0 if shops else 3.5
@@ -166,7 +166,7 @@ def _floor(outline: Outline, look: Look) -> Piece:
 
 
 def _cover(outline: Outline, look: Look, kind: str, rng: np.random.Generator) -> _Cover:
-    """The roof asked for, or the next simpler one that the outline allows, down to a plain lid."""
+    """The roof asked for, or the next simpler one that the outline allows, down to a flat lid."""
     eaves = float(look.levels[-1])
     tint = np.full(3, 255.0) * rng.uniform(0.84, 1.0) + rng.uniform(-6.0, 6.0, 3)
     pitch = {"brick": 0.75, "stone": 0.8, "stucco": 0.55, "glass": 0.35}[look.style]
@@ -209,7 +209,7 @@ def _cover(outline: Outline, look: Look, kind: str, rng: np.random.Generator) ->
 def _raised(
     outline: Outline, profile: tuple[tuple[float, float], ...], ends: NDArray[np.bool_]
 ) -> tuple[Roof | None, NDArray[np.bool_] | None]:
-    """A roof whose faces at ``ends`` stand upright, with these; or, where that cannot be, one that slopes everywhere."""
+    """A roof whose faces at ``ends`` stand upright, and these ends; where that is impossible, one that slopes everywhere."""
     if ends.any() and not ends.all():
         made = raise_roof(outline.points, outline.after, profile, speeds=np.where(ends, 0.0, 1.0))
         if made is not None:

@@ -34,7 +34,7 @@ class Site:
 
 
 def site_of(buildings: Buildings, terrain: Terrain | None, *, meshed: bool) -> Site:
-    """The buildings set on the ground; ``meshed``: to be built in more detail than prisms."""
+    """The buildings set on the ground; ``meshed`` says that they will be built in more detail than prisms."""
     low, high = ground_under(terrain, buildings.footprints)
     tiers = np.searchsorted(buildings.tier_owners, np.arange(len(low) + 1))
     heights = (low, high + buildings.heights, buildings.tier_heights + high[buildings.tier_owners])
@@ -57,7 +57,7 @@ def make_objects(
     """
     buildings, base, eaves, tops, tiers = site.buildings, site.base, site.eaves, site.tops, site.first_tier
     places = range(len(eaves)) if only is None else only
-    parts: list[tuple[int, shapely.Polygon, float]] = []  # of the plain ones: place, footprint, top
+    parts: list[tuple[int, shapely.Polygon, float]] = []  # of those without detail: place, footprint, top
     for i in places:
         if details[i] == 0:
             parts.append((i, buildings.footprints[i], eaves[i]))

@@ -154,7 +154,7 @@ def painted_walls(outline: Outline, look: Look) -> Piece:
 
 
 def pierced_walls(outline: Outline, look: Look, windows: Windows, rng: np.random.Generator, *, modern: bool) -> Piece:
-    """Every wall with recessed windows, doors and shops; blind ones plain."""
+    """Every wall with recessed windows, doors and shops; blind walls have none."""
     pieces, levels = [], look.levels
     for i in range(len(outline.points)):
         ends = (outline.points[i], outline.points[outline.after[i]], outline.inward[i])

@@ -74,7 +74,7 @@ WALLS = MappingProxyType({kind: NAMES.index(f"wall-{kind}") for kind in _KINDS})
 ROOFS = MappingProxyType({kind: NAMES.index(f"roof-{kind}") for kind in _ROOF_KINDS})
 """Kind of roof -> its picture; v runs up the slope."""
 PANES = NAMES.index("panes")
-"""Sixteen panes, eight a row: the lower row windows with bars, the upper row plain sheets of glass."""
+"""Sixteen panes, eight a row: the lower row windows with bars, the upper row single sheets of glass."""
 DOORS = NAMES.index("doors")
 """Lower half: eight doors side by side; upper half: four shops side by side."""
 SHUTTER = NAMES.index("shutter")

@@ -79,7 +79,7 @@ class Plan:
         return Polygon([self.points[v] for v in self.rings[face]])
 
     def is_junction(self, vertex: int) -> bool:
-        """Whether streets meet, end or are told apart there."""
+        """Whether streets meet or end there, or one street becomes another."""
         return len(self.neighbours[vertex]) != 2 or vertex in self.marked
 
     def count_junctions(self) -> int:

@@ -1,4 +1,4 @@
-"""What drives: shapes of cars, a van, a bus and trucks, in plain colours, standing on z = 0 and heading along +x."""
+"""What drives: shapes of cars, a van, a bus and trucks, each part in one colour, standing on z = 0 and heading along +x."""
 
 from __future__ import annotations
 

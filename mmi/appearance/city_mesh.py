@@ -1,13 +1,14 @@
 """City objects as textured triangles: what captures render and what stays geometry.
 
-One mesh and one texture for the whole city, ordered by object, so that any set of objects is one gather and one draw. The
-texture is that of painted facades (``mmi.appearance.facades``), or an atlas with the city's own pictures as well
+There is one mesh and one texture for the whole city, ordered by object, so that any set of objects is one gather and one draw.
+The texture is that of painted facades (``mmi.appearance.facades``), or an atlas with the city's own pictures as well
 (``mmi.appearance.texture_atlas``). Vertex colours multiply it: a tint of the building's own and light
 (``mmi.appearance.shading``).
 
-Geometry is exactly that of the prisms, or of the mesh that an object came with (``mmi.appearance.model_surfaces``): walls
-of prisms are vertical, roofs flat, positions float32 of the city's local frame. Walls between touching buildings are kept
-(each object is whole by itself); they have no windows, or along cuts those of the facade's end.
+Geometry is exactly that of the prisms, or of the mesh that an object came with (``mmi.appearance.model_surfaces``): walls of
+prisms are vertical, their roofs are flat, and positions are float32 in the city's local frame. Walls between touching buildings
+are kept (each object is whole by itself); they have no windows, except along cuts, where they look like the facade that ends
+there.
 """
 
 from __future__ import annotations
@@ -167,7 +168,7 @@ class _Walls:
 
 
 def _walls(prisms: _Prisms, looks: Looks) -> Surfaces:
-    """Upright quads along every edge of every footprint; where a prism has more storeys than the atlas, several."""
+    """Upright quads along every edge of every footprint; several, where a prism has more storeys than the atlas."""
     walls = _walls_along(prisms, looks)
     prism = walls.prism
     bottom, top = prisms.heights[prism].T
@@ -213,8 +214,8 @@ def _walls(prisms: _Prisms, looks: Looks) -> Surfaces:
 def _walls_along(prisms: _Prisms, looks: Looks) -> _Walls:
     """The walls of all prisms. Whole bays fit between the ends of each that has windows.
 
-    What stands along a cut (:mod:`mmi.city.long_objects`) is at both ends painted like the facade that ends there. Nobody
-    sees it, but for a pixel at its rims where one part is geometry and its neighbour a texture: that is to look like the
+    A wall along a cut (:mod:`mmi.city.long_objects`) is painted at each end like the facade that ends there. Nobody sees such a
+    wall, except for a pixel at its rims where one part is geometry and its neighbour a texture; that pixel has to look like the
     facade.
     """
     outlines = outlines_of(prisms.polygons)
@@ -241,13 +242,13 @@ def _walls_along(prisms: _Prisms, looks: Looks) -> _Walls:
     each = np.arange(len(a))
     like = np.column_stack([np.where(cut, before, each), np.where(cut, after, each)])
     u = np.column_stack([np.where(cut, u_b[before], u_a), np.where(cut, u_a[after], u_b)])
-    u[cut, 1] += np.rint(u[cut, 0] - u[cut, 1])  # the texture repeats: the short way
+    u[cut, 1] += np.rint(u[cut, 0] - u[cut, 1])  # the texture repeats, so this is the short way
     return _Walls(a, b, prism, u, blind[like], base[like])
 
 
 def _touched(a: NDArray[np.float64], b: NDArray[np.float64], kind: NDArray[np.int64]) -> NDArray[np.int64]:
-    """For each edge a -> b, (n, 2) each, one of its ``kind`` (n,) that is b -> a (to the centimetre), so that two prisms touch;
-    -1 for none.
+    """For each edge from ``a`` to ``b`` (n, 2), the place of an edge of the same ``kind`` (n,) that leads from b to a (to the
+    centimetre), so that two prisms touch; -1 where there is none.
     """
     x, y = np.rint(100.0 * np.concatenate([a, b])).astype(np.int64).T
     _, points = np.unique((x << 32) + y, return_inverse=True)
@@ -261,7 +262,7 @@ def _touched(a: NDArray[np.float64], b: NDArray[np.float64], kind: NDArray[np.in
 
 
 def _neighbours(passed: NDArray[np.bool_], ring: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """For each edge, (n,) both, the last before it and the first behind it in its ring that is not ``passed``; -1 for none.
+    """For each edge the last before it and the first after it in its ring that are not ``passed``, (n,) both; -1 for none.
 
     Edges are in the order of the rings, ``ring`` (n,).
     """

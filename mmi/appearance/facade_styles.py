@@ -1,8 +1,8 @@
 """How the storeys of each style of facade are painted: windows, balconies, doors, shops, and the walls around them.
 
-A painter works in place on one cell, one bay wide and one storey high, (64, 64, 3) float32 sRGB, row 0 at its top, with
-about 5 cm a texel. It draws every storey so that a wall may end above it: each starts with a moulding. No light and no
-tint, except the shadows that small reliefs throw. ``mmi.appearance.facades`` stacks the results into the atlas.
+A painter works in place on one cell, one bay wide and one storey high, (64, 64, 3) float32 sRGB, row 0 at its top, with about 5
+cm a texel. It draws every storey so that a wall may end above it: each starts with a moulding. Light and tint are not painted,
+except for the shadows that small reliefs throw. ``mmi.appearance.facades`` stacks the results into the atlas.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ WIDTH = 512
 """Texels of the atlas's width, which every wall and roof spans."""
 
 FloatImage = NDArray[np.float32]
-"""(height, width, 3) sRGB, [0, 255] and a little beyond; float32, for a band of storeys is large."""
+"""(height, width, 3) sRGB, [0, 255] and a little beyond; float32, because a band of storeys is large."""
 _Color = tuple[float, float, float]
 _Surface = Callable[[np.random.Generator, int], FloatImage]
 _Painter = Callable[[FloatImage, np.random.Generator, int, int], None]

@@ -1,10 +1,10 @@
 """The texture of buildings that have none: one generated atlas of walls, windows, doors, shops and roofs for a whole city.
 
-Everything here is painted with NumPy from a fixed seed: no fonts, no files, no OpenGL. The atlas repeats sideways (u) and
-never vertically (v); it stacks, from the top, one band of storeys per style and then one strip of blind wall and one of roof
-per style, each with its edge rows repeated above and below so that mipmaps do not bleed. Row 0 of a band is the
-ground floor and lies at its lower edge. Every storey ends in a moulding, so that a wall may stop after any of them.
-Light is not painted, except the shadows that small reliefs throw: ``mmi.appearance.city_mesh`` multiplies by tint and shading.
+Everything here is painted with NumPy from a fixed seed: no fonts, no files, no OpenGL. The atlas repeats sideways (u) and never
+vertically (v); it stacks, from the top, one band of storeys per style and then one strip of blind wall and one of roof per
+style, each with its edge rows repeated above and below so that mipmaps do not bleed. Row 0 of a band is the ground floor and
+lies at its lower edge. Every storey ends in a moulding, so that a wall may stop after any of them. Light is not painted, except
+for the shadows that small reliefs throw: ``mmi.appearance.city_mesh`` multiplies by tint and shading.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def _band(style: Style, rng: np.random.Generator) -> FloatImage:
 
 
 def _stack(atlas: NDArray[np.uint8], top: int, picture: FloatImage) -> int:
-    """Put ``picture`` into the atlas from row ``top``, its edge rows repeated; the row where the next one starts.
+    """Put ``picture`` into the atlas from row ``top`` on, with its edge rows repeated; the row where the next one starts.
 
     ``picture`` is rounded in place.
     """
@@ -128,7 +128,7 @@ def _strip(start: int, style: ArrayLike) -> tuple[NDArray[np.float64], NDArray[n
 
 
 def _blind(wall: FloatImage, rng: np.random.Generator) -> FloatImage:
-    """A wall without windows: the mean colour of ``wall`` with streaks of rain, for one stretch over the whole _STRIP."""
+    """A wall without windows: the mean colour of ``wall`` with streaks of rain, as high as a strip."""
     streaks = 0.022 * noise(rng, 1, 3) + 0.015 * noise(rng, 1, 17) + 0.01 * noise(rng, _STRIP, 6)
     red, green, blue = wall.mean(axis=(0, 1), dtype=np.float64).tolist()
     return one_color((red, green, blue), 1.0 + streaks)

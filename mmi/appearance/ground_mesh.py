@@ -1,6 +1,6 @@
 """The ground that a city stands on and the sky above it: what pictures need around buildings.
 
-Neither belongs to impostors: both are drawn as they are, ground before layers, sky where nothing else is.
+Neither belongs to impostors: the ground is drawn as it is, and the sky where nothing else is drawn.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ GRAIN = 12.8
 
 
 def ground_mesh(city: City, *, margin: float, tile: float = 200.0) -> CityMesh:
-    """The ground, ``margin`` metres beyond the city's bounds, an object a tile.
+    """The ground up to ``margin`` metres beyond the city's bounds, with an object for each tile.
 
     Tiles are rectangles of at most ``tile`` metres a side, row by row from the south-west. Carriageway, kerb, pavement (along
     streets and around buildings) and the rest are polygons cut out of each other: they share their borders and lie in one
@@ -100,7 +100,7 @@ def tile_bounds(ground: CityMesh) -> NDArray[np.float64]:
 def _surfaces(city: City, xs: NDArray[np.float64], ys: NDArray[np.float64]) -> NDArray[np.object_]:
     """(tiles, surfaces): what each tile of the ground consists of; its shapes cover it, each point of it once.
 
-    Streets of one width are widened tile by tile, all that come near it at a time: that is quicker than one by one.
+    Streets of one width are widened tile by tile, all that come near a tile at a time: that is quicker than one by one.
     """
     tiles = tile_boxes(xs, ys)
     edges = [edge for _, _, edge in city.streets.edges(data=True) if edge.get("kind") not in _ON_FOOT]
@@ -132,7 +132,7 @@ def _surfaces(city: City, xs: NDArray[np.float64], ys: NDArray[np.float64]) -> N
 
 
 def _walks(city: City) -> NDArray[np.object_]:
-    """Polygons of streets that are pavement: what ``_PAVED`` around them makes as wide as they are."""
+    """Polygons along streets that are pavement: with ``_PAVED`` metres around them they are as wide as these streets."""
     edges = [edge for _, _, edge in city.streets.edges(data=True) if edge.get("kind") in _ON_FOOT]
     lines = np.array([edge["geometry"] for edge in edges], dtype=object)
     wide = np.array([max(float(edge.get("half_width", 3.0)) - _PAVED, 0.05) for edge in edges])
@@ -140,7 +140,7 @@ def _walks(city: City) -> NDArray[np.object_]:
 
 
 def _raised(city: City) -> NDArray[np.bool_]:
-    """(objects,) which of them do not stand on the ground."""
+    """(objects,) which of the city's objects do not stand on the ground."""
     base = np.array([one.base for one in city.objects])
     if city.terrain is None or not len(base):
         return base > city.ground + _RAISED
@@ -149,8 +149,8 @@ def _raised(city: City) -> NDArray[np.bool_]:
 
 
 def _lines_of(terrain: Terrain, axis: int, outer: NDArray[np.float64], least: float) -> NDArray[np.float64]:
-    """Lines of the terrain's grid across ``axis`` (0: x), at least ``least`` metres apart, among the first and the last of
-    ``outer``; and those two. What of ``outer`` is between stays.
+    """Lines of the terrain's grid across ``axis`` (0: x) between the first and the last of ``outer``, at least ``least`` metres
+    apart, together with these two; where ``least`` is 0, together with all of ``outer``.
     """
     low, high = terrain.bounds[axis], terrain.bounds[axis + 2]
     step = terrain.spacing * max(1, math.ceil(least / terrain.spacing))
@@ -191,7 +191,7 @@ def _bundles(
     tile: NDArray[np.int64],
     kind: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], NDArray[np.object_]]:
-    """Tiles and kinds (2, k), and the ``shapes`` (n,) of each as one; ``tile`` and ``kind`` (n,)."""
+    """Pairs (2, k) of a tile and a kind, and the ``shapes`` (n,) of each pair as one; ``tile`` and ``kind`` (n,) are theirs."""
     order = np.lexsort((kind, tile))
     pairs, bundle = np.unique(np.stack([tile, kind])[:, order], axis=1, return_inverse=True)
     return pairs, collect(shapes[order], indices=bundle.ravel())

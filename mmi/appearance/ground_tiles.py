@@ -1,7 +1,7 @@
 """The plane cut along the lines of a grid into tiles, so that a viewer can draw those near it; no crack shows along a cut.
 
-A crack would open where a vertex of one tile lies on an edge of its neighbour. So each vertex on a line of the grid becomes
-one of the triangles of both sides, and what is on a line is told after rounding to float32, in which tiles are drawn.
+A crack would open where a vertex of one tile lies on an edge of its neighbour. So each vertex on a line of the grid becomes one
+of the triangles of both sides, and whether it lies on a line is decided after rounding to float32, in which tiles are drawn.
 """
 
 from __future__ import annotations
@@ -32,9 +32,10 @@ def match_borders(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
     """Make triangles meet vertex to vertex along x = ``xs`` and y = ``ys``, whatever triangulation left out there.
 
-    ``points`` (n, 2), ``triangles`` (m, 3). Points are rounded to float32; triangles that are a line then, or lie on one,
-    go; one with an edge along a line is divided where another has a vertex on that edge. Returns all points, new ones at the
-    end, the triangles, and for each point the one of ``points`` that it looks like: itself, or a corner of its triangle.
+    ``points`` (n, 2), ``triangles`` (m, 3). Points are rounded to float32; triangles that are a line then, or lie on one, are
+    left out; a triangle with an edge along a line is divided where another has a vertex on that edge. Returns all points (new
+    ones at the end), the triangles, and for each point the one of ``points`` that it looks like: itself, or a corner of its
+    triangle.
     """
     points = points.astype(np.float32).astype(np.float64)
     corners = points[triangles]

@@ -1,8 +1,8 @@
 """Meshes that came with objects, as surfaces of the city's mesh: with pictures, of one colour, or painted.
 
-Each triangle is shaded by itself. Painted ones (``mmi.city.model.PAINTED``) get a wall with storeys where they are steep,
-in rows from the object's foot, and a roof elsewhere. Pictures are mostly photographs, which have their light already: they
-get half.
+Each triangle is shaded by itself. Painted ones (``mmi.city.model.PAINTED``) get a wall with storeys where they are steep, in
+rows from the object's foot, and a roof elsewhere. Pictures are mostly photographs, which have their own light already: they are
+shaded half as much.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mmi.city.model import PAINTED, CityObject, Texture
 
 __all__ = ["Surfaces", "repeats_of", "strip_uv", "surfaces_of_models"]
 
-_STEEP = 0.5  # of the normal's vertical part: what is less is a wall
+_STEEP = 0.5  # vertical part of the normal below which a triangle is a wall
 _NARROW = 1.2  # metres below which a wall has no room for a window
 _ROOF_STRIP_METRES = 8.0
 
@@ -54,7 +54,7 @@ class _Triangles:
 
 
 def repeats_of(objects: Sequence[CityObject], textures: Sequence[Texture]) -> NDArray[np.float64]:
-    """(n, 2) how many copies of each picture side by side hold any triangle that it covers, across and down; at least 1."""
+    """(n, 2) how many copies of each picture, across and down, hold any triangle that it covers; at least 1."""
     found = np.ones((len(textures), 2))
     for one in objects:
         if one.mesh is not None and len(one.mesh.triangles):
@@ -136,12 +136,12 @@ def _painted(triangles: _Triangles, looks: Looks) -> tuple[NDArray[np.float64], 
     np.maximum.at(top, owners[steep], corners[steep, :, 2].max(axis=1))
     tall = np.where(np.isfinite(top) & np.isfinite(foot), top - foot, 1.0)
     storeys = np.maximum(np.rint(tall / facades.STOREY), 1.0)
-    # A house with more storeys than the texture has larger ones: its triangles end where they like, not between storeys.
+    # A house with more storeys than the texture gets larger storeys: its triangles do not end between storeys.
     storey = (tall / np.minimum(storeys, facades.ROWS))[owners]
     above = corners[:, :, 2] - foot[owners][:, None]
     along = np.stack([-normals[:, 1], normals[:, 0]], axis=1)  # to the right, seen from outside
     along /= np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
-    # From the object's own corner: far from it, the least turn from one triangle of a wall to the next would be metres.
+    # From a corner of the object itself: far away, the least turn from one triangle of a wall to the next would be metres.
     corner = np.full((objects, 2), np.inf)
     np.minimum.at(corner, owners, corners[:, :, :2].min(axis=1))
     metres = np.einsum("mcx,mx->mc", corners[:, :, :2] - corner[owners][:, None], along)
@@ -170,8 +170,8 @@ def _painted(triangles: _Triangles, looks: Looks) -> tuple[NDArray[np.float64], 
 def strip_uv(
     points: NDArray[np.float64], roof: NDArray[np.int64], v_top: NDArray[np.float64], v_bottom: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(n, 2) points of the roofs ``roof`` (n,), sorted -> uv that fit each roof into its strip of the atlas, coarser where
-    the roof is larger. ``v_top`` and ``v_bottom`` (k,) are of the strips.
+    """(n, 2) points of the roofs ``roof`` (n,), sorted -> uv that fit each roof into its strip of the atlas, coarser where the
+    roof is larger. ``v_top`` and ``v_bottom`` (k,) are the edges of the strips.
     """
     if not len(points):
         return np.empty((0, 2))

@@ -83,9 +83,9 @@ class Looks:
 
 
 def looks_of(objects: Sequence[CityObject]) -> Looks:
-    """Styles, tints and first bays, from digests of the ids: what other objects there are changes nothing.
+    """Styles, tints and first bays, from digests of the ids, so that other objects change nothing.
 
-    Parts of one object (``CityObject.part_of``) look alike: as the whole did.
+    Parts of one object (``CityObject.part_of``) look as the whole did.
     """
     names, whole = np.unique([one.part_of or one.id for one in objects], return_inverse=True)
     digests = b"".join(hashlib.blake2b(str(name).encode(), digest_size=8).digest() for name in names)

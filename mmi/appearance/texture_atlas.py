@@ -1,10 +1,9 @@
 """The pictures of a whole city in one texture, so that any set of objects is one draw.
 
-At the top lie, where something needs them, the painted facades of ``mmi.appearance.facades``, repeated sideways to the
-atlas's width so that they still wrap there; below them a white patch for surfaces of plain colour, and the city's own
-pictures on shelves, each with its edges repeated around it so that mipmaps do not bleed. Pictures do not wrap in an atlas:
-those that surfaces repeat have copies side by side, and surfaces that need more than there is room for are cut
-(``cut_at_repeats``).
+At the top lie, where something needs them, the painted facades of ``mmi.appearance.facades``, repeated sideways to the atlas's
+width so that they still wrap there; below them a white patch for surfaces of one colour, and the city's own pictures on
+shelves, each with its edges repeated around it so that mipmaps do not bleed. Pictures do not wrap in an atlas: those that
+surfaces repeat have copies side by side, and surfaces that need more than there is room for are cut (``cut_at_repeats``).
 """
 
 from __future__ import annotations
@@ -27,13 +26,14 @@ _PAD = 8
 _WHITE = 16
 _COPIES = 1024  # texels a side that copies of a repeated picture may fill
 _MOST_REPEATS = 64.0
-_LARGEST = 8192  # texels a side: what OpenGL 4 promises is 16384, and memory is a third of a gigabyte below that
+_LARGEST = 8192  # texels a side: OpenGL 4 promises 16384, but with mipmaps this takes a third of a gigabyte already
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Atlas:
     """``texture`` (h, w, 3) uint8. Picture i lies at ``boxes[i]`` (x, y, width, height), texels, ``copies[i]`` (across, down)
-    of it side by side; ``white`` (u, v down) is a white point. The facades take u and v times ``facade_scale``.
+    of it side by side; ``white`` (u, v down) is a white point. Texture coordinates of facades are multiplied by
+    ``facade_scale``.
     """
 
     texture: NDArray[np.uint8]

@@ -17,7 +17,7 @@ def with_checksum(manifest: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def readable_json(value: Any) -> bytes:  # noqa: ANN401
-    """JSON for people as well: sorted and indented, ending in a line break."""
+    """JSON that people can read as well: sorted and indented, ending in a line break."""
     return json.dumps(value, sort_keys=True, indent=1, allow_nan=False, ensure_ascii=False).encode() + b"\n"
 
 

@@ -1,4 +1,4 @@
-"""What a process knows of itself and its like: peak memory, the version of the package, how others start and have ended."""
+"""What a process knows about itself (peak memory, cores, the version), and how others are started without Ctrl-C and end."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ __all__ = ["how_it_ended", "package_version", "peak_memory", "usable_cores", "wi
 
 
 def package_version() -> str:
-    """Of this project, which is part of every fingerprint."""
+    """The version of this project, which is part of every fingerprint."""
     return version("multi-mesh-impostors")
 
 
 @contextmanager
 def without_interrupts() -> Iterator[None]:
-    """Hold Ctrl-C back; a process started meanwhile never sees it: Ctrl-C is the parent's business."""
+    """Hold Ctrl-C back during the block. A process that is started in it never sees Ctrl-C: that is its parent's business."""
     resource_tracker.ensure_running()  # it lets Ctrl-C through again when it starts
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -42,8 +42,8 @@ def how_it_ended(process: BaseProcess) -> str:
 
 
 def peak_memory(*, shared: bool = True) -> int:
-    """Bytes that this process has held at most; not ``shared``: less its pages of files (libraries), which are in memory once
-    however many processes use them.
+    """Bytes that this process has held at most. Without ``shared``, pages of files such as libraries do not count: they are in
+    memory once, however many processes use them.
     """
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     status = Path("/proc/self/status")
@@ -54,7 +54,7 @@ def peak_memory(*, shared: bool = True) -> int:
 
 
 def usable_cores() -> int:
-    """Cores that this process may run on, which not every system tells apart from those that there are."""
+    """How many cores this process may run on; where the system does not say, how many there are."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

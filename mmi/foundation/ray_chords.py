@@ -1,4 +1,4 @@
-"""How far two points of one capture ray part as seen from elsewhere: the measure behind every bound, as compiled kernels."""
+"""How far apart two points of one capture ray are seen from elsewhere: the measure behind every bound, as compiled kernels."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def chord(
 def may_exceed(most: float, near: float, far: float, reach: float) -> bool:
     """Whether the square of the chord between two points of a capture ray may exceed ``most``, from ``reach`` metres around.
 
-    The points are ``near`` and ``far`` metres away. From M the sine of the angle between P and Q is |(P-M) x (Q-M)| /
-    (|P-M| |Q-M|), and its numerator |M x (P-Q)|, as both are on one ray: at most reach |P-Q| / ((|P| - reach) (|Q| - reach)).
-    That is less the larger both are in the same ratio, so distances on the ground do for rays that rise.
+    The points are ``near`` and ``far`` metres away. From M the sine of the angle between P and Q is |(P-M) x (Q-M)| / (|P-M|
+    |Q-M|), and its numerator |M x (P-Q)|, as both are on one ray: at most reach |P-Q| / ((|P| - reach) (|Q| - reach)). That
+    bound falls when both distances grow in the same ratio, so distances on the ground are enough for rays that rise.
     """
     if near <= 2.0 * reach:
         return True

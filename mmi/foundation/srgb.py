@@ -1,4 +1,5 @@
-"""Between sRGB bytes, which textures and vertex colours are here, and linear light, which glTF's vertex colours and EXR hold.
+"""Conversion between sRGB bytes, which textures and vertex colours are here, and linear light, which glTF's vertex colours and
+EXR hold.
 
 Source: IEC 61966-2-1.
 """
@@ -27,7 +28,7 @@ def srgb_from_linear(linear: NDArray[np.float64]) -> NDArray[np.uint8]:
 
 
 def png_bytes(pixels: NDArray[np.uint8], *, quick: bool = False) -> bytes:
-    """Pixels (h, w, 3) as PNG; the same pixels give the same bytes. ``quick``: rather than small."""
+    """Pixels (h, w, 3) as PNG; the same pixels give the same bytes. ``quick`` makes it faster and larger."""
     buffer = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, format="png", compress_level=1 if quick else -1)
     return buffer.getvalue()

@@ -13,7 +13,9 @@ __all__ = ["as_seen", "displaced_by", "displacement"]
 
 
 def displacement(texture: DepthTexture, mesh: GridMesh, viewpoints: NDArray[np.float64]) -> float:
-    """Radians: how far the mesh draws a captured texel from where it is, at most, seen from ``viewpoints`` (k, 3)."""
+    """The largest angle between where a captured texel is and where the mesh draws it, from any of ``viewpoints`` (k, 3);
+    radians.
+    """
     inverse, frame, offsets = as_seen(texture, viewpoints)
     depth = texture.view.project(mesh.vertices.astype(np.float64))[:, 2]
     lattice = mesh.uv.astype(np.float64) * np.array(texture.view.window[2:])
@@ -24,7 +26,7 @@ def displacement(texture: DepthTexture, mesh: GridMesh, viewpoints: NDArray[np.f
 def as_seen(
     texture: DepthTexture, viewpoints: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], tuple[float, float, float], NDArray[np.float64]]:
-    """What :func:`chord` is about: 1/z (h, w), 0 where nothing was hit, and what :func:`frame_of` says of the view."""
+    """What :func:`chord` needs: 1/z (h, w), 0 where nothing was hit, and what :func:`frame_of` says of the view."""
     inverse = np.where(texture.coverage, 1.0 / texture.depth.astype(np.float64), 0.0)
     return inverse, *frame_of(texture.view, viewpoints)
 

@@ -1,7 +1,7 @@
 """Depth textures -> grid meshes, as coarse as the error that they may add allows (paper section 5.1, DESIGN section 4).
 
-The window is cut into rectangles of whole texels, and those are cut on until the surface drawn lies close enough to what was
-captured: seen from the cell's corners no texel is displaced by more than a tolerance. Flat walls stay large rectangles, as
+The window is cut into rectangles of whole texels, and these are cut further until the surface drawn lies close enough to what
+was captured: seen from the cell's corners no texel is displaced by more than a tolerance. Flat walls stay large rectangles, as
 planes are linear in 1/z and a triangle shows them exactly; cuts fall on corners and silhouettes, where depth bends or jumps.
 Rectangles shrink to what they hold of the captured surfaces; silhouettes themselves come from the texture's coverage, so the
 mesh reaches a texel beyond them.
@@ -34,10 +34,10 @@ _ONE_SURFACE = 0.01  # relative difference of depths between neighbouring texels
 
 
 def grid_mesh(texture: DepthTexture, *, viewpoints: NDArray[np.float64], tolerance: float) -> GridMesh:
-    """The mesh of one depth texture, off by about ``tolerance`` radians at most as seen from ``viewpoints`` (k, 3).
+    """The mesh of one depth texture, off by at most about ``tolerance`` radians as seen from ``viewpoints`` (k, 3).
 
-    That is what a rectangle between its four corners is off by; vertices of others on its sides may add as much. Where
-    depth jumps from one texel to the next, the mesh stretches between the two, and texels next to the jump may be
+    A rectangle between its four corners is off by no more than that; vertices of others on its sides may add as much again.
+    Where depth jumps from one texel to the next, the mesh stretches between the two, and texels next to the jump may be
     displaced by as much as it is; :func:`mmi.meshing.displacement.displacement` measures what remains. Raises ValueError where
     nothing is covered.
     """
@@ -152,7 +152,7 @@ def _worst(
     x0, y0, x1, y1 = box
     upper_left, upper_right, lower_left, lower_right = corners
     most, at = 0.0, (-1, -1)
-    # What certainly is no more than the tolerance needs no angles.
+    # What is certainly within the tolerance needs no angles.
     reach = 0.0
     for k in range(len(offsets)):
         reach = max(reach, (offsets[k, 0] ** 2 + offsets[k, 1] ** 2 + offsets[k, 2] ** 2) ** 0.5)
@@ -180,7 +180,9 @@ def _worst(
 
 @njit(cache=True, error_model="numpy")
 def _stretched(box: tuple[int, int, int, int], corners: tuple[float, float, float, float]) -> tuple[bool, bool]:
-    """Whether perspective interpolation along its sides or its diagonal is off by too much: to be cut in x, in y."""
+    """Whether a box is to be cut in x, and in y, since perspective interpolation along its sides or diagonal is off by too
+    much.
+    """
     wide, high = float(box[2] - box[0]), float(box[3] - box[1])
     upper_left, upper_right, lower_left, lower_right = corners
     across = max(stretch(wide, upper_left, upper_right), stretch(wide, lower_left, lower_right))
@@ -195,7 +197,7 @@ def _stretched(box: tuple[int, int, int, int], corners: tuple[float, float, floa
 def _cut(inverse: NDArray[np.float64], box: tuple[int, int, int, int], at: tuple[int, int]) -> tuple[bool, int]:
     """Where to cut a box with a displaced texel: (whether across x, the coordinate of the cut).
 
-    Along the row and the column of that texel, where 1/z bends or jumps most; beside the texel where it is smooth.
+    The cut goes where 1/z bends or jumps most along the row and the column of that texel; where it is smooth, beside the texel.
     """
     x0, y0, x1, y1 = box
     i, j = at

@@ -29,11 +29,11 @@ __all__ = ["CapturedLayer", "out_of_order"]
 _EVEN = 1e-3
 """Relative difference of depths up to which a triangle lies on what was captured."""
 _MOST_BINS = 512
-"""Of azimuth; bins are as wide as the largest displacement, unless that takes more of them."""
+"""How many bins of azimuth there may be. They are as wide as the largest displacement, unless that takes more of them."""
 _AROUND = 2
 """Bins around a texel in which other surfaces count: its own may lie anywhere in its bin, and move by one."""
 _MOST_STEPS = 1024
-"""Away from the eye, in which the ground is looked at."""
+"""How many steps the ground may be looked at in, from the eye outwards."""
 _GROUND_PX = 0.5
 """Pixels of the capture by which the line where ground and surface meet may be wrong."""
 
@@ -178,7 +178,7 @@ def _cover_with_ground(
     near: NDArray[np.float32],
     far: NDArray[np.float32],
 ) -> None:
-    """The same for the ground, whose ``heights`` (columns, n) above the eye are told every ``apart`` metres."""
+    """The same for the ground, whose ``heights`` (columns, n) above the eye are given every ``apart`` metres."""
     for c in range(heights.shape[0]):
         for k in range(heights.shape[1]):
             here = heights[c, k] / (apart * (k + 1))

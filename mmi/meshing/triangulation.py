@@ -1,4 +1,4 @@
-"""Rectangles that a mesh is cut into -> triangles, with all vertices that others have on their sides: no cracks.
+"""Triangles of the rectangles that a mesh is cut into, with all vertices that others have on their sides: there are no cracks.
 
 A rectangle without any is two triangles; another is a fan: from one of its vertices, where that shows well enough what was
 captured, and else from its middle.
@@ -15,12 +15,12 @@ from mmi.meshing.displacement import displaced_by
 __all__ = ["UV_ERROR", "stretch", "triangulated"]
 
 UV_ERROR = 1.0
-"""Texels that perspective interpolation may be off."""
+"""Texels by which perspective interpolation may be off."""
 
 
 @njit(cache=True, error_model="numpy")
 def stretch(length: float, one: float, other: float) -> float:
-    """Texels that perspective interpolation of texture coordinates is off halfway between two vertices, of these 1/z.
+    """Texels by which perspective interpolation of texture coordinates is off halfway between two vertices, of these 1/z.
 
     With n texels between them and depths z0 and z1, that is n |z0 - z1| / (2 (z0 + z1)).
     """
@@ -114,20 +114,21 @@ def _apex(
 ) -> int:
     """The place in a rectangle's ``ring`` of a vertex from which a fan shows it as well as one from its middle; -1 for none.
 
-    That is within the tolerance, or no worse than what the other displaces. Two triangles less.
+    The fan is as good where it stays within the tolerance, or displaces no more than the fan from the middle does. It has two
+    triangles less.
     """
     around = len(ring)
     limit, reach = 0.0, (offsets**2).sum(axis=1).max() ** 0.5
     for apex in range(around):
         # No triangle may be a line (of its own sides, none has a third vertex), and none too long for its texture.
-        apt = True
+        allowed = True
         tip = lattice[ring[apex]]
         for k in range(apex + 1, apex + around - 1):
             one, next_one = ring[k % around], ring[(k + 1) % around]
             far = np.hypot(lattice[one, 0] - tip[0], lattice[one, 1] - tip[1])
-            apt &= _area(lattice, one, next_one, ring[apex]) > 0.0
-            apt &= stretch(far, values[one], values[ring[apex]]) <= UV_ERROR
-        if not apt:
+            allowed &= _area(lattice, one, next_one, ring[apex]) > 0.0
+            allowed &= stretch(far, values[one], values[ring[apex]]) <= UV_ERROR
+        if not allowed:
             continue
         if limit == 0.0:
             limit = tolerance

@@ -2,11 +2,11 @@
 
 Prisms become Solids of LoD 1.2 with whole walls and roofs, courtyards as inner rings; meshes become Solids of triangles where
 they are closed, else MultiSurfaces. Several prisms, or parts of a mesh, are one CompositeSolid: a Building may have no
-MultiSolid, and readers take one geometry of a level. (That its solids touch without overlapping is not seen to.)
+MultiSolid, and readers take one geometry of a level. (Nothing here makes sure that its solids touch without overlapping.)
 
-Rounding moves nothing further than 0.5 mm in each direction, and opens nothing: triangles that collapse take their
-neighbours' edges with them; footprints that it makes invalid are repaired on the grid of millimetres. A prism flatter or
-thinner than a millimetre vanishes, so that an object of nothing else is left without geometry.
+Rounding moves nothing further than 0.5 mm in each direction, and opens nothing: triangles that collapse take their neighbours'
+edges with them; footprints that it makes invalid are repaired on the grid of millimetres. A prism flatter or thinner than a
+millimetre vanishes, so an object that has nothing else is left without geometry.
 
 Source: CityJSON 2.0.1 (OGC 20-072r5), sections on City Objects, Geometry Objects and Appearance.
 """
@@ -38,7 +38,7 @@ SCALE = 0.001
 _THEME = "default"
 _SEMANTICS = ("GroundSurface", "RoofSurface", "WallSurface")
 _GROUND, _ROOF, _WALL = range(3)
-_STEEP = np.cos(np.radians(80.0))  # of a wall, the normal's height at most
+_STEEP = np.cos(np.radians(80.0))  # vertical part of a wall's normal, at most
 _DETAILED = 100  # triangles from which a mesh is LoD 3
 _FLAT = 0.5  # cubic millimetres: what encloses less is no solid
 _TILE = 256  # squares of terrain along the side of one TINRelief
@@ -245,7 +245,7 @@ def _mesh_geometry(mesh: TriangleMesh, pools: Pools) -> list[dict[str, Any]]:
 
 
 def _components(corners: NDArray[np.int64], rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """``rows`` in groups of those whose triangles hang together, in order of their first."""
+    """``rows`` in groups of connected triangles, in the order of the first of each group."""
     a, b = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]]]).T
     part = linked(int(corners.max()) + 1, a, b)
     own = part[corners[:, 0]]

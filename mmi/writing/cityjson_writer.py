@@ -116,14 +116,14 @@ class CityJSONSeqWriter:
     ) -> None:
         self._file = None
         with self._stack.pop_all() as stack:
-            # What is wrong leaves by the stack, so that the file vanishes.
+            # Errors leave through the stack, so that the file vanishes.
             if kind is None:
                 _write_textures(self._path, self._textures, self._files, sorted(self._used))
             else:
                 stack.__exit__(kind, error, trace)
 
     def add(self, objects: Iterable[CityObject]) -> None:
-        """Write objects. Raises CityError if one of that id was written before, or refers to a texture that is not there."""
+        """Write objects. Raises CityError for an id that was written before, or a texture that is not there."""
         for chunk in _chunks(objects):
             self._check_textures(chunk)
             for named in buildings(chunk, Pools):
@@ -226,7 +226,7 @@ def _reference_system(path: Path, crs: str) -> str:
 
 
 def _extent(city: City) -> tuple[float, ...] | None:
-    """Of all that is written; None of an empty city."""
+    """The extent of all that is written; None where that is nothing."""
     corners = [np.empty((0, 3))]
     solids = [prism for one in city.objects if one.mesh is None for prism in one.prisms]
     if solids:

@@ -80,7 +80,7 @@ class _Draft:
 
     def add_object(self, one: CityObject, solids: Sequence[NDArray[np.float64]]) -> None:
         """An object's mesh, or the triangles (m, 3, 3) of its prisms."""
-        primitives = _parts(one.mesh) if one.mesh is not None else [(PAINTED, np.concatenate(solids), None, None)]
+        primitives = _by_texture(one.mesh) if one.mesh is not None else [(PAINTED, np.concatenate(solids), None, None)]
         entries = [self._triangles(*parts) for parts in primitives]
         self._node(one.id, [entry for entry in entries if entry is not None], {"id": one.id})
 
@@ -198,7 +198,7 @@ def _y_up(points: NDArray[np.float64]) -> NDArray[np.float32]:
     return np.stack([points[..., 0], points[..., 2], -points[..., 1]], axis=-1).astype("<f4") + np.float32(0.0)
 
 
-def _parts(
+def _by_texture(
     mesh: TriangleMesh,
 ) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float32] | None, NDArray[np.uint8] | None]]:
     """By texture: the corners (m, 3, 3) of its triangles, their texture coordinates and colours, where they need any."""

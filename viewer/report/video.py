@@ -86,7 +86,7 @@ class VideoWriter:
         """Finish and rename the file, or remove it where something went wrong."""
         try:
             with self._stack.pop_all() as stack:
-                # What is wrong leaves by the stack, so that the file vanishes.
+                # Errors leave through the stack, so that the file vanishes.
                 if kind is not None:
                     stack.__exit__(kind, error, trace)
                 elif self._frames == 0:
