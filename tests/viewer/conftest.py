@@ -1,5 +1,10 @@
-"""A small dataset for all tests of the viewer, built once: the crossroads, five cells a street."""
+"""A small dataset for all tests of the viewer, built once: the crossroads, five cells a street, for a small display.
 
+Drawing and comparing take as long as there are pixels. Half the pixels a side and half the error that is allowed are the same
+angle, and so the same layers, as the defaults.
+"""
+
+import math
 from dataclasses import replace
 
 import pytest
@@ -7,10 +12,12 @@ from cities import crossroads
 
 from mmi.building.dataset import build_dataset
 from mmi.dataset.reading import open_dataset
+from mmi.foundation.camera import Camera
 from mmi.planning.parameters import BuildParameters
 from viewer.scene.scene import open_scene
 
-PARAMETERS = BuildParameters(near_distance=30.0, longest_object=None)
+CAMERA = Camera(256, 256, math.radians(60.0))
+PARAMETERS = BuildParameters(max_error_px=5.0, camera=CAMERA, near_distance=30.0, longest_object=None)
 
 
 @pytest.fixture(scope="session")
