@@ -138,6 +138,29 @@ def test_what_pages_ask_the_hook_for_exists():
             assert what in PROJECT["scripts"] if kind == "help" else (ROOT / what).exists(), f"{name}: {what}"
 
 
+def unknown_names(text):
+    """Dotted names in a page that are no module, no name in one, and not what a table of renames starts from."""
+    rows = re.sub(r"^\|[^|]*\|(?=[^|]*\|$)", "", text, flags=re.MULTILINE)
+    return [name for name in re.findall(r"`((?:mmi|viewer|citygen)(?:\.\w+)+)`", rows) if not resolves(name)]
+
+
+@cache
+def resolves(name):
+    """Whether a dotted name is a module, or something in one."""
+    parts = name.split(".")
+    for length in range(len(parts), 0, -1):
+        there = ROOT.joinpath(*parts[:length])
+        if there.with_suffix(".py").exists() or (there / "__init__.py").exists():
+            found = importlib.import_module(".".join(parts[:length]))
+            return all((found := getattr(found, part, None)) is not None for part in parts[length:])
+    return False
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_modules_that_pages_name_exist(name):
+    assert unknown_names(text_of(name)) == []
+
+
 def test_the_floors_are_those_that_hold():
     table = text_of("docs/contributing.md").split("| floor of `mmi`", 1)[1].split("\n\n", 1)[0].splitlines()[2:]
     told = [" ".join(re.findall(r"`(\w+)`", row.split("|")[2])) for row in table]
@@ -164,6 +187,8 @@ def test_no_picture_is_left_over():
         (strange_options, "Use `compare-impostors OUT --views 3 --max-error 5`."),
         (strange_options, "    build-impostors CITY \\\n        --such"),
         (strange_options, "    python benchmarks/bound.py OUT --max-error 5"),
+        (unknown_names, "See `mmi.planning.no_such_module`."),
+        (unknown_names, "| `mmi.old` | `mmi.reading.no_such_name` |"),
         (unknown_options, "The option `--no-such-option` does it."),
         (lambda text: BANNED.findall(prose_of(text)), "It is thus a `thing`."),
         (
@@ -185,6 +210,7 @@ def test_the_checks_notice(check, page):
     [
         (strange_options, "    build-impostors CITY -o OUT --max-error 5   # and then --anything"),
         (strange_options, "    scripts/test --slow"),
+        (unknown_names, "| `mmi.old` | `mmi.reading.read_city.read_city` |"),
         (lambda text: BANNED.findall(prose_of(text)), "Run `apt-get`, or\n\n    apt install\n\n```\nthus\n```\n"),
     ],
 )
