@@ -133,7 +133,7 @@ def test_pages_name_only_files_that_a_stranger_has(name):
 def test_what_pages_ask_the_hook_for_exists():
     for name in PAGES:
         for kind, what in re.findall(
-            r"^<!-- (schema|help|packages|file|example) (\S+) -->$", text_of(name), re.MULTILINE
+            r"^<!-- (schema|help|packages|names|file|example) (\S+) -->$", text_of(name), re.MULTILINE
         ):
             assert what in PROJECT["scripts"] if kind == "help" else (ROOT / what).exists(), f"{name}: {what}"
 

@@ -5,6 +5,7 @@ A page asks for a piece with a comment on a line of its own:
     <!-- schema mmi/dataset/schemas/manifest.json -->     the fields of a JSON Schema, as tables
     <!-- help build-impostors -->                         what a program prints for --help
     <!-- packages mmi -->                                 the packages, each with the first sentence of its docstring
+    <!-- names mmi -->                                    the public names, likewise
     <!-- file CHANGELOG.md -->                            another Markdown file of the project, without its title
     <!-- example examples/the_bound.py -->                a Python file, in a block
 
@@ -23,6 +24,7 @@ import re
 import textwrap
 import tomllib
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +34,7 @@ from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parents[2]
 ROOTS = ("mmi", "viewer", "citygen")
-ASKED = re.compile(r"^<!-- (schema|help|packages|file|example) (\S+) -->$", re.MULTILINE)
+ASKED = re.compile(r"^<!-- (schema|help|packages|names|file|example) (\S+) -->$", re.MULTILINE)
 INLINE = re.compile(r"<code>[^<\n]*</code>")
 OPTION = re.compile(r"(?<=[>\s])--[a-z][a-z-]*")
 ROLE = re.compile(r":(?:func|class|meth|mod|data|attr|exc):<code>~?([\w.]+)</code>")
@@ -56,15 +58,23 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:  # noqa: ARG001
     """What a page asks for stands in the comment's place."""
-    makers = {"schema": _schema, "help": _help, "packages": _package_list, "file": _other_file, "example": _example}
+    makers = {
+        "schema": _schema,
+        "help": _help,
+        "packages": _package_list,
+        "names": _name_list,
+        "file": _other_file,
+        "example": _example,
+    }
     return ASKED.sub(lambda found: makers[found[1]](found[2]), markdown)
 
 
 def on_page_content(html: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:  # noqa: ARG001
     """Sphinx roles become links where their target has a place on the site, and options do not break at their hyphens."""
+    homes = {name: f"{module}.{name}" for root in ROOTS for name, module in _public(root).items()}
 
     def link(found: re.Match[str]) -> str:
-        name = found[1]
+        name = homes.get(found[1], found[1])
         return f'<autoref optional identifier="{name}"><code>{name.rsplit(".", 1)[-1]}</code></autoref>'
 
     def whole(found: re.Match[str]) -> str:
@@ -89,25 +99,58 @@ def _api_page(name: str) -> str:
     folder = ROOT.joinpath(*name.split("."))
     lines = [f"# {name}", "", f"::: {name}", "    options:"]
     lines += ["      show_root_heading: false", "      show_root_toc_entry: false", ""]
-    if name.count(".") == 0 and not _public_names(folder):
-        lines.insert(-1, "      members: false")
+    if name in ROOTS:
+        lines.insert(-1, "      members: false")  # its public names stand in a table of api/index.md
     for path in sorted(folder.glob("*.py")):
         if path.stem != "__init__":
             lines += [f"::: {name}.{path.stem}", "    options:", "      heading_level: 2", ""]
     return "\n".join(lines)
 
 
-def _public_names(folder: Path) -> bool:
-    return "__all__" in (folder / "__init__.py").read_text(encoding="utf-8")
-
-
 def _package_list(root: str) -> str:
     rows = ["| package | what it is for |", "|---|---|"]
     for name in _packages(root):
-        sentence = " ".join(_docstring(ROOT.joinpath(*name.split("."), "__init__.py")).split("\n\n", 1)[0].split())
-        sentence = re.sub(r":\w+:`~?([\w.]+)`", r"`\1`", sentence).replace("``", "`").replace("|", "\\|")
+        sentence = _first_sentence(_docstring(ROOT.joinpath(*name.split("."), "__init__.py")))
         rows.append(f"| [`{name}`]({name}.md) | {sentence} |")
     return "\n".join(rows)
+
+
+@cache
+def _public(root: str) -> dict[str, str]:
+    """Public names of a root package, and the module that each comes from, in the order of its imports."""
+    tree = ast.parse((ROOT / root / "__init__.py").read_text(encoding="utf-8"))
+    lists = [one.value for one in tree.body if isinstance(one, ast.Assign) and ast.unparse(one.targets[0]) == "__all__"]
+    listed = set(ast.literal_eval(lists[0])) if lists else set()
+    imports = [one for one in ast.walk(tree) if isinstance(one, ast.ImportFrom)]
+    return {name.name: one.module or "" for one in imports for name in one.names if name.name in listed}
+
+
+def _name_list(root: str) -> str:
+    rows = ["| name | what it is |", "|---|---|"]
+    for name, module in _public(root).items():
+        rows.append(f"| [`{name}`][{module}.{name}] | {_first_sentence(_told_of(name, module))} |")
+    return "\n".join(rows)
+
+
+def _told_of(name: str, module: str) -> str:
+    """The docstring of a name that a module defines or passes on; an assignment's is the text below it."""
+    tree = ast.parse(ROOT.joinpath(*module.split(".")).with_suffix(".py").read_text(encoding="utf-8"))
+    for one, after in zip(tree.body, [*tree.body[1:], None], strict=True):
+        if isinstance(one, ast.FunctionDef | ast.ClassDef) and one.name == name:
+            return ast.get_docstring(one) or ""
+        targets = one.targets if isinstance(one, ast.Assign) else [one.target] if isinstance(one, ast.AnnAssign) else []
+        if name in map(ast.unparse, targets) and isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+            return str(after.value.value)
+        if isinstance(one, ast.ImportFrom) and name in (alias.name for alias in one.names):
+            return _told_of(name, one.module or "")
+    return ""
+
+
+def _first_sentence(docstring: str) -> str:
+    """What fits into a cell of a table."""
+    sentence = " ".join(docstring.split("\n\n", 1)[0].split())
+    sentence = re.split(r"(?<=[.:]) (?=[A-Z`])", sentence)[0] if len(sentence) > 160 else sentence
+    return re.sub(r":\w+:`~?([\w.]+)`", r"`\1`", sentence).replace("``", "`").replace("|", "\\|")
 
 
 # Programs and files ----------------------------------------------------------------------------------------------------
