@@ -23,7 +23,7 @@ FENCE = re.compile(r"^( *)(```|~~~).*?^\1\2\s*$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^()\s]+)\)")
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z0-9-]*")
 GENERATED = re.compile(r"(^|/)api/(mmi|viewer|citygen)[\w.]*\.md$")
-"""Pages of packages, which docs/hooks/site.py makes."""
+"""Pages of packages, which docs/hooks/from_code.py makes."""
 OTHER_PROGRAMS = {
     "scripts/test": {"--slow"},
     "mkdocs": {"--strict"},

@@ -56,6 +56,7 @@ class CellLayers:
 
 
 Draw = Sky | Ground | Objects | CellLayers
+"""What a plan is made of: a closed union, of which the renderer draws each kind."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
