@@ -59,4 +59,5 @@ def test_a_face_costs_nothing_until_it_is_used():
 
 
 if __name__ == "__main__":
+    sys.path[0] = str(Path(__file__).resolve().parents[1])  # beside this file is tests/mmi, which is no package
     PINNED.write_text("\n".join(public_names()) + "\n", encoding="utf-8")
