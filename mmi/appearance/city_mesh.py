@@ -122,8 +122,7 @@ def _grounds(city: City, polygons: NDArray[np.object_]) -> NDArray[np.float64]:
     """(k,) the lowest ground at the corners of each of ``polygons``, metres."""
     if city.terrain is None or not len(polygons):
         return np.full(len(polygons), city.ground)
-    points, of = shapely.get_coordinates(shapely.get_exterior_ring(polygons), return_index=True)
-    return np.minimum.reduceat(city.ground_at(points), np.searchsorted(of, np.arange(len(polygons))))
+    return np.minimum.reduceat(*city.terrain.at_corners(shapely.get_exterior_ring(polygons)))
 
 
 def mesh_of(city_mesh: CityMesh, objects: ArrayLike) -> CityMesh:

@@ -78,9 +78,13 @@ class Terrain:
 
     def under(self, footprints: NDArray[np.object_]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lowest and highest ground (n,) under the outlines of polygons (n,), looked at every ``_SAMPLE`` metres."""
-        points, of = shapely.get_coordinates(shapely.segmentize(footprints, _SAMPLE), return_index=True)
-        heights, starts = self.at(points), np.searchsorted(of, np.arange(len(footprints)))
+        heights, starts = self.at_corners(shapely.segmentize(footprints, _SAMPLE))
         return np.minimum.reduceat(heights, starts), np.maximum.reduceat(heights, starts)
+
+    def at_corners(self, shapes: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Heights (n,) at the corners of shapes (k,), none of them empty, shape after shape, and where each begins (k,)."""
+        points, of = shapely.get_coordinates(shapes, return_index=True)
+        return self.at(points), np.searchsorted(of, np.arange(np.size(shapes)))
 
 
 def grid_triangles(index: NDArray[np.int64]) -> NDArray[np.int64]:

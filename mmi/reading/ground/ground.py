@@ -140,7 +140,7 @@ def _under(one: CityObject, ground: Ground) -> tuple[float, float]:
     """Lowest and mean height of the ground at the corners of an outline."""
     if not isinstance(ground, Terrain):
         return ground, ground
-    heights = ground.at(shapely.get_coordinates(shapely.extract_unique_points(one.footprint)))
+    heights, _ = ground.at_corners(shapely.extract_unique_points(one.footprint))
     return float(heights.min()), float(heights.mean())
 
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
+from shapely.geometry import LineString, box
 
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError
@@ -100,6 +101,16 @@ def test_the_range_over_whole_squares_is_that_of_their_corners():
     assert lowest.tolist() == [6.0, 6.0, 0.0]
     assert highest.tolist() == [12.0, 12.0, 0.0]
     assert [len(one) for one in terrain.range_over(np.empty((0, 4)))] == [0, 0]
+
+
+@given(TERRAINS, st.integers(0, 99))
+def test_heights_at_corners_are_those_of_one_shape_after_the_other(terrain, seed):
+    places = around(terrain, 12, seed, beyond=0.3)
+    shapes = [box(*places[0], *(places[0] + 3.0)), *(LineString(some) for some in (places[1:4], places[4:12]))]
+    heights, starts = terrain.at_corners(shapes)
+    for shape, found in zip(shapes, np.split(heights, starts[1:]), strict=True):
+        points = shape.exterior.coords if shape.geom_type == "Polygon" else shape.coords
+        assert found == pytest.approx([float(terrain.at(one)) for one in points])
 
 
 def test_heights_cannot_be_changed():
