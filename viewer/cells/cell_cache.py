@@ -21,7 +21,7 @@ from viewer.plan import CellKey
 __all__ = ["CacheReport", "CellCache", "LayerStore"]
 
 _REST = 1.0
-"""Times as long as it has worked, that the background thread rests: drawing wants the processor too."""
+"""The background thread rests this many times as long as it has worked, because drawing needs the processor too."""
 
 _Load = Callable[[CellKey, Callable[[], None]], LoadedCell]
 _Size = Callable[[CellKey], int]
@@ -31,7 +31,7 @@ class LayerStore(Protocol):
     """Where layers are drawn from: a renderer, or a test's double of one."""
 
     def upload_layer(self, cell: LoadedCell, layer: LoadedLayer) -> bool:
-        """Take one of a cell's layers in; whether that is done, or has to be asked for again."""
+        """Take one of a cell's layers in. True if that is done, False if it has to be asked for again."""
         ...
 
     def evict(self, cell: CellKey) -> None:
@@ -86,7 +86,7 @@ class CellCache:
 
     @property
     def report(self) -> CacheReport:
-        """What was done so far."""
+        """What the cache has done so far."""
         return self._report
 
     def close(self) -> None:

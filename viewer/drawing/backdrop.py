@@ -14,9 +14,9 @@ from mmi.appearance.ground_mesh import GRAIN
 __all__ = ["backdrop"]
 
 _BELOW = 0.05
-"""Metres below the ground: hidden by tiles, and no step that could be seen from where there are none."""
+"""Metres below the ground: tiles hide the backdrop, and where there are none the step is too small to be seen."""
 _REACH = 12_000.0
-"""Metres beyond the city; from eye height, the horizon of a flat world is less than a pixel above this."""
+"""Metres beyond the city. Seen from eye height, the horizon of a flat world is less than a pixel above the edge there."""
 
 
 def backdrop(ground: CityMesh) -> CityMesh:

@@ -1,6 +1,6 @@
-"""What drawing a plan gives: the picture, what it cost, and where it was measured what each pixel shows.
+"""What drawing a plan gives: the picture, what it cost, and, where the picture was measured, what each pixel shows.
 
-A value of its own so that measures and reports run without OpenGL; ``viewer.drawing.renderer`` makes them.
+It is a value of its own so that measures and reports run without OpenGL. ``viewer.drawing.renderer`` makes it.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ class DrawnPicture:
     ``color`` (h, w, 3) uint8 sRGB. Where measured: ``object_ids`` (h, w) int32, -2 the ground, -1 the sky; ``depth``
     (h, w) float32 metres along the axis, ``inf`` for the sky; ``displacement`` (h, w) float32 radians between where an
     impostor's surface is drawn and where its texel was captured, as the viewer sees them, NaN where the pixel shows no
-    impostor. ``seconds`` from first call to finished picture; ``gpu_seconds`` what the GPU reports, None where that
-    means nothing (``viewer.drawing.renderer.gpu_seconds``); ``triangles`` and ``draws`` sent.
+    impostor. ``seconds`` is the time from the first call to the finished picture; ``gpu_seconds`` is what the GPU reports,
+    None where that means nothing (``viewer.drawing.renderer.gpu_seconds``); ``triangles`` and ``draws`` were sent.
     """
 
     color: NDArray[np.uint8]

@@ -23,7 +23,7 @@ __all__ = ["SCREEN_VERTEX", "Program", "Programs"]
 
 _NEAR, _FAR = 0.1, 20_000.0
 _TEXTURE_UNITS = ("picture", "depths", "ids")
-"""Names of samplers; the place in this list is the texture unit."""
+"""Names of samplers. The place of a name in this list is its texture unit."""
 _COMMON = """
 uniform mat3 eye_from_world;
 uniform vec3 eye;

@@ -1,8 +1,8 @@
 """Draws plans, with moderngl: puts the kinds of draw together, times them and reads pictures back (DESIGN section 5).
 
-What a kind of draw keeps on the GPU, its shaders and how it is drawn are in ``viewer.drawing.kinds``, a module a kind. A
-measured picture also has, per pixel, the object, its depth, and by what angle an impostor's surface is displaced from the one
-that was captured (DESIGN section 6).
+What a kind of draw keeps on the GPU, its shaders and how it is drawn are in ``viewer.drawing.kinds``, which has a module for
+each. A measured picture also has, per pixel, the object, its depth, and by what angle an impostor's surface is displaced from
+the one that was captured (DESIGN section 6).
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from viewer.plan import CellKey, CellLayers, Draw, Ground, Objects, Plan, Sky
 __all__ = ["Renderer", "gpu_seconds"]
 
 _SWITCH_INTERVAL = 5e-4
-"""Seconds for which other threads may keep the interpreter when OpenGL has finished: Python's own 5 ms would be felt."""
+"""Seconds for which other threads may keep the interpreter when OpenGL has finished. Python's own 5 ms would be felt."""
 _CLOCKS = 1.05
-"""Times the seconds of a whole drawing that the GPU's own clock may count for it."""
+"""The GPU's own clock may count this many times the seconds of the whole drawing, since two clocks never quite agree."""
 
 
 class Renderer:
@@ -95,9 +95,9 @@ class Renderer:
                 pass
 
     def upload_layer(self, cell: LoadedCell, layer: LoadedLayer) -> bool:
-        """Bring one of a cell's layers to the GPU; draws refer to it by the cell's key and its name. Whether it is there now.
+        """Bring one of a cell's layers to the GPU; draws refer to it by the cell's key and its name. True if it is there now.
 
-        The first calls for a cell only make room, each some of it: that takes as long as many layers.
+        The first calls for a cell only make room, a part of it each, because that takes as long as many layers do.
         """
         with self._context:
             return self._layers.upload_layer(cell, layer)

@@ -19,7 +19,7 @@ from mmi.foundation.camera import Camera, View, level_views_around
 __all__ = ["disocclusion_mask", "panorama_views"]
 
 _BEYOND = 1.0
-"""Pixels beyond a window's edge that its outermost pixels stand for, so that nothing falls between abutting windows."""
+"""The outermost pixels of a window stand for this many pixels beyond its edge, so that nothing falls between two windows."""
 
 
 def panorama_views(eye: NDArray[np.float64], *, camera: Camera) -> tuple[View, ...]:

@@ -39,7 +39,7 @@ from viewer.walks.walk import Pose
 __all__ = ["Judge", "Scored", "WorstView"]
 
 _PENDING = 8
-"""Views that wait to be compared; each holds two pictures."""
+"""At most this many views wait to be compared; each of them holds two pictures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class WorstView:
 
 
 class Judge:
-    """Draws, compares, and keeps the worst. Use as a context manager.
+    """Draws views, compares them, and keeps the worst. Use as a context manager.
 
     ``keep`` views are kept as pictures for each technique; ``flip`` also takes the slowest of the measures; ``workers``
     processes compare, or this one where that is 1.
@@ -125,7 +125,7 @@ class Judge:
         cell: str,
         time: float | None = None,
     ) -> DrawnPicture:
-        """Draw a ``plan`` of the technique of this name and compare it with ``truth``; the picture."""
+        """Draw a ``plan`` of the technique of this name and have it compared with ``truth``. Returns the picture."""
         picture, hidden = truth
         self._cache.want(plan.cells)
         self._cache.require(plan.cells)

@@ -16,7 +16,7 @@ from viewer.measuring.view_errors import ViewErrors
 __all__ = ["ERRORS", "frame_summary", "summarise"]
 
 ERRORS = ("hole_share", "wrong_share", "wrong_thickness_px", "displacement_px", "flip", "psnr_db", "ssim")
-"""What :func:`summarise` tells."""
+"""The names of what :func:`summarise` tells."""
 
 
 def summarise(errors: Sequence[ViewErrors]) -> dict[str, Any]:
@@ -63,6 +63,6 @@ def _percentiles(values: Sequence[float], *percents: int) -> dict[str, float]:
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
-    """Of those that are known; None where none is."""
+    """The mean of those that are known; None where none is."""
     known = [one for one in values if one is not None]
     return float(np.mean(known)) if known else None

@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 _SSIM_WINDOW = 11
-"""Pixels: side of the window of Wang et al. 2004."""
+"""The side of the window of Wang et al. 2004, in pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,16 +41,16 @@ class ViewErrors:
     hole_share: float
     wrong_share: float
     thickness_px: float
-    """Of the thickest region of wrong pixels, holes included."""
+    """The thickness of the thickest region of wrong pixels, holes included."""
     displacement_p50_px: float
-    """Over pixels that show an impostor, as are the next two; all are 0 where none does."""
+    """This and the next two are taken over the pixels that show an impostor; all are 0 where none does."""
     displacement_p99_px: float
     displacement_max_px: float
     flip_mean: float | None
-    """None, as the next two, where FLIP was not asked for."""
+    """This and the next two are None where FLIP was not asked for."""
     flip_p95: float | None
     flip_masked: float | None
-    """Mean over what is disoccluded; None as well where nothing is, or where that is not known."""
+    """The mean over the disoccluded pixels. It is also None where there are none, or where they are not known."""
     psnr_db: float
     """Infinite for equal pictures."""
     ssim: float

@@ -1,4 +1,4 @@
-"""The program ``compare-impostors``: options in, a report out, one line for every mistake, exit status 0, 2 or 130."""
+"""The program ``compare-impostors``, which writes a report. Every mistake gets one line; it exits with status 0, 2 or 130."""
 
 from __future__ import annotations
 
@@ -56,7 +56,10 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
     parser.add_argument("-o", "--output", type=path_option, required=True, metavar="DIR", help="folder for the report")
     where = parser.add_argument_group("from where").add_mutually_exclusive_group()
     where.add_argument(
-        "--views", type=int, metavar="N", help=f"random views inside cells (this is the default, with N = {_VIEWS})"
+        "--views",
+        type=int,
+        metavar="N",
+        help=f"from random views inside cells (this is the default, with N = {_VIEWS})",
     )
     where.add_argument(
         "--path", type=path_option, metavar="FILE", help="along a recorded walk (JSON, schemas/walk.json)"
@@ -67,9 +70,11 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         nargs="?",
         const=_TOUR_METRES,
         metavar="METRES",
-        help=f"along a walk made for the dataset's streets (default length: {_TOUR_METRES:g})",
+        help=f"along a walk that is made for the dataset's streets (default length: {_TOUR_METRES:g} m)",
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="S", help="of views and tours (default: %(default)s)")
+    parser.add_argument(
+        "--seed", type=int, default=1, metavar="S", help="seed of random views and tours (default: %(default)s)"
+    )
     parser.add_argument(
         "--techniques",
         type=names_option,
@@ -79,31 +84,41 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         "module that can be imported or is in the current folder)",
     )
     walks = parser.add_argument_group("walks")
-    walks.add_argument("--speed", type=float, default=5.0, metavar="M/S", help="of a tour (default: %(default)g)")
+    walks.add_argument("--speed", type=float, default=5.0, metavar="M/S", help="speed of a tour (default: %(default)g)")
     walks.add_argument("--fps", type=float, default=30.0, metavar="N", help="frames a second of the walk (default: 30)")
     walks.add_argument(
         "--scored", type=int, default=60, metavar="N", help="views of a walk that are measured (default: %(default)s)"
     )
     walks.add_argument(
-        "--fade", type=float, default=0.0, metavar="SECONDS", help="cross-fade where cells change (default: none)"
+        "--fade",
+        type=float,
+        default=0.0,
+        metavar="SECONDS",
+        help="cross-fade where the viewer comes into another cell (default: none)",
     )
     walks.add_argument(
-        "--save-path", type=path_option, metavar="FILE", help="write the tour, to walk it again with --path"
+        "--save-path", type=path_option, metavar="FILE", help="write the tour into a file, to walk it again with --path"
     )
     walks.add_argument(
         "--video", nargs="?", const="mp4", choices=("mp4", "webp"), help="film the walk, techniques side by side"
     )
     work = parser.add_argument_group("the work")
-    work.add_argument("--antialias", type=int, default=0, metavar="SAMPLES", help="samples a pixel of timed frames")
+    work.add_argument(
+        "--antialias",
+        type=int,
+        default=0,
+        metavar="SAMPLES",
+        help="samples in each pixel of timed frames (default: none)",
+    )
     work.add_argument("--cache", type=float, default=512.0, metavar="MB", help="memory for cells (default: 512)")
     work.add_argument(
         "--worst", type=int, default=6, metavar="N", help="worst views to show of each technique (default: 6)"
     )
-    work.add_argument("--no-flip", action="store_true", help="leave FLIP out: it takes most of the time")
+    work.add_argument("--no-flip", action="store_true", help="leave out FLIP, which takes most of the time")
     work.add_argument(
-        "--json", action="store_true", help="the report as JSON on standard output, and nothing else there"
+        "--json", action="store_true", help="print the report as JSON, and nothing else, on standard output"
     )
-    work.add_argument("--quiet", action="store_true", help="no progress, no table")
+    work.add_argument("--quiet", action="store_true", help="print no progress and no table")
     run_program(parser, arguments, _compare, kept="no report was written, cells built for single-mesh are kept")
 
 

@@ -47,9 +47,9 @@ from viewer.walks.walk import Step, Walk
 __all__ = ["CompareOptions", "compare_views", "compare_walk"]
 
 _LONGEST_WEBP = 2 << 30
-"""Bytes of frames: an animated WebP is made of all of them at once."""
+"""The frames of an animated WebP may take this many bytes: it is made of all of them at once."""
 _TIMINGS = 3
-"""Times that a random view is drawn for its frame time, the median of which counts."""
+"""A random view is drawn this many times, and the median of its frame times counts."""
 
 
 def compare_views(

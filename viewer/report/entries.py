@@ -33,7 +33,7 @@ __all__ = [
 _RASTERS = 2.0
 """Pixels that the rasters of reference and textures may add to the error that a dataset was built for (DESIGN section 6)."""
 _AWKWARD = re.compile(r"[^\w.-]+")
-"""What names of techniques may hold and names of files are better without."""
+"""Characters that a technique's name may have and that names of files are better without."""
 
 
 def report_of(
@@ -87,7 +87,8 @@ def technique_of(
 ) -> dict[str, Any]:
     """What the report says of a technique: its ``scored`` views, None for the reference, which nothing is wrong with.
 
-    Of each of its frames ``seconds``, what the GPU says of them, and what was ``sent`` (triangles, draws).
+    ``seconds``, ``gpu`` and ``sent`` have a value for each of its frames: what it took, what the GPU says of that, and the
+    triangles and draws that were sent.
     """
     origin = entry.origin
     return {
@@ -103,7 +104,7 @@ def technique_of(
 
 
 def worst_views(judge: Judge, techniques: Sequence[str], out: Path) -> list[dict[str, Any]]:
-    """Pictures of the worst views, instead of an earlier report's, and what the report says of them."""
+    """Write pictures of the worst views in place of an earlier report's. Returns what the report says of them."""
     for stale in (out / "worst").glob("*-[0-9][0-9].png"):
         stale.unlink()
     entries = []
@@ -184,7 +185,7 @@ def gpu_times(seconds: Sequence[float | None]) -> dict[str, float] | None:
 
 
 def loading_of(report: CacheReport, run: Sequence[FrameTimes]) -> dict[str, Any]:
-    """What loading took of a walk."""
+    """What loading cells took during a walk."""
     return {
         "seconds_waited": report.waited,
         "frames_waited": sum(frame.waiting > 0.0 for frame in run),

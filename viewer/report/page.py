@@ -27,7 +27,7 @@ from viewer.report.tables import LIKENESS, LOADING, TIMES, WRONG, glossary, key,
 __all__ = ["write_report"]
 
 _WIDTH = 1600
-"""Pixels: pictures in the page are no wider."""
+"""Pictures in the page are at most this many pixels wide."""
 
 _STYLE = """
 :root { color-scheme: light; }
@@ -51,7 +51,7 @@ figure { margin: .6rem 0; } img, video { display: block; max-width: 100%; height
 
 
 def write_report(report: Mapping[str, Any], folder: Path) -> tuple[Path, Path]:
-    """Write ``report`` (as schemas/report.json describes it) as report.json and report.html; their paths.
+    """Write ``report`` (as schemas/report.json describes it) as report.json and report.html. Returns their paths.
 
     The same report and pictures give the same bytes. Pictures that ``worst`` names must be in ``folder``. Techniques stand
     in the order of ``techniques``. Raises DatasetError where a picture cannot be read or a file cannot be written, and
@@ -163,7 +163,7 @@ def _image(data: bytes, kind: str, text: str) -> str:
 
 
 def _worst_views(report: Mapping[str, Any], folder: Path) -> list[str]:
-    """One technique after the other, those with layers first; the worst view first: picture, place and numbers."""
+    """The worst views with picture, place and numbers: techniques with layers first, and of each the worst view first."""
     names = sorted(report["techniques"], key=lambda name: not report["techniques"][name]["layered"])
     order = {name: place for place, name in enumerate(names)}
     views = sorted(report["worst"], key=lambda view: (order.get(view["technique"], len(order)), view["rank"]))

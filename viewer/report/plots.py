@@ -23,7 +23,7 @@ from mmi.inspection.figures import INK, SMALL, new_figure, tidy
 __all__ = ["Scored", "distributions", "errors_along_walk", "frame_times", "technique_color"]
 
 Scored = Mapping[str, Sequence[Mapping[str, Any]]]
-"""Name of a technique: errors of its views, as in report.json."""
+"""The errors of each view, as in report.json, by the name of the technique."""
 
 _COLORS = MappingProxyType(
     {

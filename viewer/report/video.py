@@ -1,4 +1,4 @@
-"""Frames in, a video file out: MP4 (H.264) by PyAV, or animated WebP by Pillow. Written whole or not at all."""
+"""Videos from frames: MP4 (H.264) by PyAV, or animated WebP by Pillow. A file is written whole or not at all."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from mmi.foundation.whole_files import whole_path
 __all__ = ["VideoWriter"]
 
 _ENCODERS = ("libx264", "mpeg4")
-"""Best first; not every build of PyAV has the first."""
+"""Encoders, the best one first; not every build of PyAV has that."""
 _RATE_FACTOR = "20"
-"""Quality of H.264: differences can hardly be seen."""
+"""The quality of H.264: differences from the frames can hardly be seen."""
 _BITS_A_PIXEL = 0.3
-"""Of the encoder that knows no constant quality."""
+"""The bits that a pixel gets from the encoder that knows no constant quality."""
 _BT709 = 1
-"""In FFmpeg's lists of colour spaces, primaries and transfer functions. What players expect of HD video."""
+"""The number of BT.709, which players expect of HD video, in FFmpeg's lists of spaces, primaries and transfer functions."""
 
 
 class VideoWriter:

@@ -31,7 +31,7 @@ from viewer.walks.walk import Step
 __all__ = ["WalkScores", "score_walk", "spread"]
 
 _MOST_POPS = 24
-"""Changes of cells whose pop is measured, spread over the walk."""
+"""The pop of at most this many changes of cells is measured, spread over the walk."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

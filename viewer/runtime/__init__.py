@@ -1,1 +1,1 @@
-"""The frame loop (``loop``): one frame when asked; what its plan needs is brought in, it is drawn, and all of it is timed."""
+"""The frame loop (``loop``), which draws one frame when asked, brings in what its plan needs, and times all of it."""

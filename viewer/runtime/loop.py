@@ -1,4 +1,4 @@
-"""The frame loop: a plan is made, what it needs is brought in, it is drawn, and all of it is timed; a frame when asked.
+"""The frame loop, which draws one frame when asked: it has a plan made, brings in what it needs, draws it and times it all.
 
     loop = FrameLoop(technique, painter, cache, camera=camera)
     frame = loop.frame(pose, time)          as often as a window, a held view or a replay wants one
@@ -28,11 +28,11 @@ from viewer.walks.walk import Pose, Step
 __all__ = ["Frame", "FrameLoop", "FrameTimes", "Painter", "run_walk"]
 
 _UPLOADING = 0.1
-"""Share of a usual frame's time that uploads of cells ahead may take in one."""
+"""The share of a usual frame's time that uploads of cells ahead may take in a frame."""
 _RECENT = 1024
-"""Frames whose median says what a frame usually takes."""
+"""The median of this many last frames says what a frame usually takes."""
 _COSTLY = 1.2
-"""Times the usual, from which on a frame has taken long enough: uploads of cells ahead wait for another one."""
+"""Uploads of cells ahead wait for another frame where one took more than this many times the usual."""
 _SWITCH_INTERVAL = 1.0
 """Seconds after which the loading thread may take the interpreter from a frame: what reads files may not give it back for
 milliseconds. It gets it while OpenGL draws."""
@@ -85,7 +85,7 @@ class _Usual:
 
     recent: deque[float] = field(default_factory=deque)
     ranked: list[float] = field(default_factory=list)
-    """The same, sorted."""
+    """The same frames, sorted."""
 
     def median(self, otherwise: float) -> float:
         return self.ranked[len(self.ranked) // 2] if self.ranked else otherwise
@@ -159,7 +159,7 @@ def run_walk(
     read: bool = False,
     shown: Callable[[Step, Frame], None] | None = None,
 ) -> list[FrameTimes]:
-    """Draw every step of a walk, each at once after the last; what each frame took.
+    """Draw every step of a walk, each at once after the last. Returns what each frame took.
 
     ``shown`` gets each frame after it was timed, with its colours if ``read``. Raises DatasetError where a cell's files are
     missing or damaged.

@@ -12,9 +12,9 @@ from viewer.scene.scene import CellContents, WalkScene
 __all__ = ["Follower", "Move"]
 
 _STILL = 1e-3
-"""Metres below which a movement has no direction."""
+"""A movement of fewer metres has no direction."""
 _LONGEST_STEP = 10.0
-"""Metres between two frames above which the viewer was put elsewhere."""
+"""Where more metres lie between two frames the viewer did not walk: it was put elsewhere."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +41,7 @@ class Follower:
         self._heading: tuple[float, float] | None = None
 
     def move(self, eye: NDArray[np.float64]) -> Move:
-        """The viewer is at ``eye`` (3,) now."""
+        """Take in that the viewer is at ``eye`` (3,) now. Returns where that is."""
         current = None if self._cell is None else self._cell.cell.id
         whereabouts = self._scene.whereabouts
         name = whereabouts.cell_at(eye, current=current)

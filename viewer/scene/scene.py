@@ -27,7 +27,7 @@ from viewer.scene.whereabouts import Whereabouts
 __all__ = ["CellContents", "WalkScene", "open_scene"]
 
 _FAR_GROUND_PX = 2.0
-"""Pixels below the horizon that stay without the ground's details, where it is too far away for them."""
+"""This many pixels below the horizon the ground has no details, because it is too far away for them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +51,7 @@ class CellContents:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WalkScene:
-    """What techniques know. ``name`` is that of its layers in plans; ``objects`` maps ids to places in ``mesh``."""
+    """What techniques know of a dataset. ``name`` stands for it in plans; ``objects`` maps ids to places in ``mesh``."""
 
     name: str
     dataset: Dataset

@@ -21,7 +21,7 @@ __all__ = ["HYSTERESIS", "Whereabouts"]
 HYSTERESIS = 0.5
 """Metres that a viewer may be outside of its cell before it counts as being in another one."""
 _AHEAD = 10.0
-"""Metres in front of a viewer that moves: cells near that point are the most urgent."""
+"""Cells near the point this many metres in front of a viewer that moves are the most urgent."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,7 +1,7 @@
 """Techniques that draw geometry only: what image-based ones are measured against (paper section 6.1).
 
 ``full`` draws every object of the city, ``visible`` the potentially visible set of the cell that the viewer is in, ``local``
-its near objects alone: the upper bound of the frame rate, since impostors come on top of them.
+its near objects alone, which bounds the frame rate of impostors from above, since they come on top.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class FullGeometry:
         self._all = Objects("all", np.arange(len(scene.mesh.triangle_counts)))
 
     def plan(self, view: View, *, now: float, budget: Budget) -> Plan:  # noqa: ARG002
-        """The whole city."""
+        """Draw the whole city."""
         return Plan((self._all, self._scene.ground_in(view), Sky()))
 
 
@@ -40,7 +40,7 @@ class CellGeometry:
         self._scene, self._follower = scene, Follower(scene)
 
     def plan(self, view: View, *, now: float, budget: Budget) -> Plan:  # noqa: ARG002
-        """The objects of the cell that the viewer is in."""
+        """Draw the objects of the cell that the viewer is in."""
         place = self._follower.move(view.eye).cell
         objects = place.near if self.name == "local" else place.visible
         here = Objects(f"{self.name} {self._scene.name} {place.cell.id}", objects)

@@ -27,7 +27,7 @@ class LayeredImpostors:
         self._left: tuple[CellContents, float] | None = None
 
     def plan(self, view: View, *, now: float, budget: Budget) -> Plan:  # noqa: ARG002
-        """The viewer's cell, mixed with the one before as long as that fades."""
+        """Draw the viewer's cell, mixed with the one before as long as that fades."""
         move = self._follower.move(view.eye)
         if move.jumped:
             self._left = None

@@ -15,13 +15,14 @@ from viewer.walks.walk import Pose
 __all__ = ["random_views"]
 
 _LOWEST = 1.0
-"""Metres above the ground that eyes keep on hills, where a cell's band is as high as its ground is uneven."""
+"""Eyes keep this many metres above the ground on hills, where a cell's band is as high as its ground is uneven."""
 
 
 def random_views(
     cells: Sequence[ViewingCell], n: int, *, seed: int, terrain: Terrain | None = None
 ) -> list[tuple[str, Pose]]:
-    """``n`` views (cell, pose), sorted by cell: any cell, anywhere in its rectangle and eye band, level, any heading.
+    """``n`` views (cell, pose), sorted by cell: each from any cell, from anywhere in its rectangle and eye band,
+    level, with any heading.
 
     With the ``terrain``, none from below the ground where that is higher than elsewhere in the cell. The same cells and seed
     give the same views, and none is taken from a reference viewpoint, where layers were captured.

@@ -23,13 +23,13 @@ from viewer.walks.walk import Keyframe, Pose, Walk
 __all__ = ["tour"]
 
 _MEETING = 2.5
-"""Metres between ends of neighbours that meet: cells that buildings cut short are up to 2 m apart."""
+"""Metres that may lie between ends of neighbours that meet: cells that buildings cut short are up to 2 m apart."""
 _SAME = 0.1
 """Metres below which ends that meet are one point of the path."""
 _SPACING = 0.01
 """Metres that keyframes keep from each other at least."""
 _ROUNDING = 2.0
-"""Metres before and after a corner over which the camera turns; the half of a cell where that is less."""
+"""The camera turns over this many metres before and after a corner, or over half of the cell where that is less."""
 _BEND = math.radians(1.0)
 """Turns below this are no corners."""
 _ABOUT_FACE = 2.0
@@ -230,7 +230,7 @@ def _start(streets: _Streets, parts: list[set[int]]) -> _End:
 
 
 def _onwards(streets: _Streets, entry: _End, visits: Sequence[int]) -> _End:
-    """By which end of which cell the tour goes on that entered a cell by ``entry``: out of its other end."""
+    """The cell, and its end, by which a tour goes on that entered a cell by ``entry`` and leaves it by the other end."""
     way_out = _opposite(entry)
     choices = [end for end in streets.ends[way_out] if end[0] != entry[0]]
 
@@ -299,7 +299,7 @@ def _corner(before: _Stretch, after: _Stretch) -> _Corner:
 
 
 def _keyframe(time: float, eye: Sequence[float] | NDArray[np.float64], azimuth: float, *, cut: bool) -> Keyframe:
-    """With numbers that are short in a file: micrometres, microseconds, millionths of a degree."""
+    """A keyframe whose numbers are short in a file: rounded to micrometres, microseconds and millionths of a degree."""
     x, y, z = (round(float(value), 6) for value in eye)
     degrees = round(math.degrees(math.remainder(azimuth, math.tau)), 6)
     return Keyframe(round(time, 6), Pose((x, y, z), math.radians(degrees), 0.0), cut)

@@ -27,12 +27,12 @@ __all__ = ["Keyframe", "Pose", "Step", "Walk", "read_walk", "write_walk"]
 
 _FORMAT, _VERSION = "mmi-walk", 1
 _LARGEST = 1e7
-"""Seconds, metres or radians that a walk may hold at most: beyond, differences between keyframes drown in rounding."""
+"""The largest number of seconds, metres or radians in a walk; beyond it, differences of keyframes are lost in rounding."""
 _SHORTEST = 1e-6
 """Seconds between keyframes that a viewer moves between."""
 _MOST_FRAMES = 1_000_000
 _DECIMALS = 9
-"""Of degrees in files: 90.0 reads better than 90.00000000000001."""
+"""Decimals of degrees in files: 90.0 reads better than 90.00000000000001."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +164,7 @@ class Walk:
 
 
 def read_walk(path: Path) -> Walk:
-    """Read what :func:`write_walk` wrote, or a person.
+    """Read a walk that :func:`write_walk` or a person wrote.
 
     Raises ParameterError that names file, keyframe (counted from 1) and what was expected.
     """
@@ -184,7 +184,7 @@ def read_walk(path: Path) -> Walk:
 
 
 def write_walk(walk: Walk, path: Path) -> None:
-    """Write a walk as JSON (``schemas/walk.json``), a keyframe a line, whole or not at all; makes its folder.
+    """Write a walk as JSON (``schemas/walk.json``), one keyframe on each line, whole or not at all; makes its folder.
 
     Raises DatasetError where that is impossible.
     """

@@ -24,7 +24,7 @@ class GroundDrawer:
         )
 
     def draw(self, draw: Ground, *, measured: bool) -> list[int]:
-        """The tiles, and below them the backdrop."""
+        """Draw the tiles, and the backdrop below them."""
         return [
             *self._tiles.draw(draw.tiles, np.array(draw.tiles, dtype=np.int64), measured=measured),
             *self._backdrop.draw("all", np.zeros(1, dtype=np.int64), measured=measured),

@@ -25,7 +25,7 @@ from viewer.plan import CellKey, CellLayers
 __all__ = ["LayersDrawer"]
 
 _MOST_VIEWS = 16
-"""Sets of layers of a cell kept as index buffers; a viewer who turns around meets a new one every few degrees."""
+"""Sets of layers that a cell keeps as index buffers; a viewer who turns around meets a new one every few degrees."""
 _VERTEX_BYTES = 24
 _SAMPLE_ALPHA_TO_COVERAGE = 0x809E
 _VERTEX = """
@@ -137,7 +137,7 @@ class LayersDrawer:
         self._rooms: dict[CellKey, list[Any]] = {}  # of cells that still make room
 
     def upload_layer(self, cell: LoadedCell, layer: LoadedLayer) -> bool:
-        """As :meth:`viewer.drawing.renderer.Renderer.upload_layer`."""
+        """Bring one of a cell's layers to the GPU, as :meth:`viewer.drawing.renderer.Renderer.upload_layer` says."""
         there = self._cells.get(cell.key)
         if there is None:
             self._make_room(cell)
@@ -154,7 +154,7 @@ class LayersDrawer:
             self._cells.pop(cell).release()
 
     def draw(self, draw: CellLayers, view: View, *, measured: bool) -> list[int]:
-        """At most two calls. Raises KeyError where a layer was not uploaded."""
+        """Draw the layers with at most two calls. Raises KeyError where a layer was not uploaded."""
         if not draw.names:
             return []
         cell = self._cells[draw.cell]

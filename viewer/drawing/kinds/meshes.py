@@ -16,9 +16,9 @@ from viewer.drawing.programs import Program, Programs
 __all__ = ["GROUND_ID", "DrawnMesh", "MeshProgram", "Triangles"]
 
 GROUND_ID = -2
-"""What pixels of the ground have for an object in measured pictures."""
+"""The object that pixels of the ground show in measured pictures."""
 _MOST_SETS = 64
-"""Sets of objects kept as index buffers; a walk meets a new one in every cell."""
+"""Sets of objects that are kept as index buffers; a walk meets a new one in every cell."""
 _VERTEX = """
 in vec3 position; in vec2 uv; in vec3 color; in int object;
 out vec2 at; out vec3 tint; flat out int which; out float depth;
@@ -38,12 +38,11 @@ void main() {
 #endif
 }
 """
-_Programs = Mapping[bool, Program]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Triangles:
-    """Some triangles on the GPU: ``arrays`` by whether pictures are measured."""
+    """Some triangles on the GPU. ``arrays`` has a vertex array for measured pictures (true) and one for the others."""
 
     count: int
     arrays: Mapping[bool, Any]
@@ -63,7 +62,7 @@ class MeshProgram:
 
     @classmethod
     def made_by(cls, programs: Programs) -> MeshProgram:
-        """Compile it."""
+        """Compile the program."""
         return cls(programs.make(_VERTEX, _FRAGMENT))
 
 

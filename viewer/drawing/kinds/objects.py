@@ -21,5 +21,5 @@ class ObjectsDrawer:
         self._mesh = DrawnMesh(context, program, mesh, owners)
 
     def draw(self, draw: Objects, *, measured: bool) -> list[int]:
-        """One call for all objects of the set; none where they have no triangles."""
+        """Draw all objects of the set with one call, or none where they have no triangles."""
         return self._mesh.draw(draw.key, draw.objects, measured=measured)

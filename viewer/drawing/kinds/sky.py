@@ -35,6 +35,6 @@ class SkyDrawer:
             self._arrays[mode] = programs.context.vertex_array(program.program, [])
 
     def draw(self, *, measured: bool) -> list[int]:
-        """One triangle over the whole picture."""
+        """Draw one triangle over the whole picture."""
         self._arrays[measured].render(moderngl.TRIANGLES, vertices=3)
         return [1]
