@@ -7,6 +7,7 @@ import math
 import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Parser",
     "ProgressBar",
-    "look_here_for_plug_ins",
     "names_option",
     "numbers_option",
     "path_option",
@@ -40,6 +40,7 @@ def run_program(
     parser: Parser, arguments: Sequence[str] | None, program: Callable[[argparse.Namespace], None], *, kept: str
 ) -> NoReturn:
     """Parse, run, and turn every expected failure into one line and an exit status; ``kept`` is what Ctrl-C leaves behind."""
+    _look_here_for_plug_ins()
     options = parser.parse_args(arguments)
     try:
         program(options)
@@ -94,15 +95,16 @@ class ProgressBar:
             self._bar.stop()
 
 
-def look_here_for_plug_ins() -> None:
-    """Let modules of the current folder be imported, after all others: ``my_module:function`` is mostly there.
+def _look_here_for_plug_ins() -> None:
+    """Let modules of the current folder be imported, after all others, since ``my_module:function`` is mostly there.
 
     Python itself does so for scripts and ``python -m``, but not for installed programs. Processes that are started later have
     it from this one.
     """
-    here = str(Path.cwd())
-    if here not in sys.path:
-        sys.path.append(here)
+    with suppress(OSError):  # the folder may be there no more
+        here = str(Path.cwd())
+        if here not in sys.path:
+            sys.path.append(here)
 
 
 def size_option(text: str) -> tuple[int, int]:

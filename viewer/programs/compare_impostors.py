@@ -10,12 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from mmi.foundation.errors import ParameterError
-from mmi.foundation.plug_ins import names_plug_in
 from mmi.foundation.processes import usable_cores
 from mmi.programs.command_line import (
     Parser,
     ProgressBar,
-    look_here_for_plug_ins,
     names_option,
     path_option,
     run_program,
@@ -137,8 +135,6 @@ def _compare(options: argparse.Namespace) -> None:
     from viewer.walks.tour import tour
     from viewer.walks.walk import read_walk, write_walk
 
-    if any(map(names_plug_in, options.techniques)):
-        look_here_for_plug_ins()
     try:
         chosen = CompareOptions(
             techniques=tuple(options.techniques),

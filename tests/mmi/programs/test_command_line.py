@@ -5,8 +5,9 @@ import sys
 
 import pytest
 
+from mmi.foundation.plug_ins import plug_in
 from mmi.foundation.progress import ProgressLog, silent
-from mmi.programs.command_line import ProgressBar
+from mmi.programs.command_line import Parser, ProgressBar, run_program
 
 
 class Terminal(io.StringIO):
@@ -47,3 +48,15 @@ def test_who_wants_it_quiet_gets_nothing(monkeypatch, stream):
         assert tell is silent
         tell(3, 9, "Aleksanterinkatu")
     assert sys.stderr.getvalue() == ""
+
+
+def test_programs_import_from_the_current_folder_after_all_others(tmp_path, monkeypatch):
+    """A dataset may have been built with a weight of somebody's own: whatever opens it looks there."""
+    (tmp_path / "my_study.py").write_text("def weight(): ...\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [one for one in sys.path if one not in ("", str(tmp_path))])
+    found = []
+    with pytest.raises(SystemExit) as left:
+        run_program(Parser(), [], lambda _: found.append(plug_in("my_study:weight").target), kept="nothing")
+    assert (left.value.code, found) == (0, ["my_study:weight"])
+    assert sys.path[-1] == str(tmp_path)
