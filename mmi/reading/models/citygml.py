@@ -25,7 +25,7 @@ from pyproj.exceptions import ProjError
 from mmi.foundation.errors import CityError
 from mmi.reading.coordinates import named_crs
 from mmi.reading.models.faces import Color, Faces
-from mmi.reading.models.pictures import PictureShelf, contained_path
+from mmi.reading.pictures import PictureShelf, contained_path
 from mmi.reading.raw_layers import ModelLayer, RawModel
 from mmi.reading.report import Ledger
 

@@ -16,7 +16,7 @@ from mmi.foundation.errors import CityError
 from mmi.gltf.codes import DTYPES, WIDTHS
 from mmi.gltf.container import BIN, JSON, glb_chunks, glb_version, is_glb
 from mmi.gltf.reading import buffer_view, elements, whole_number
-from mmi.reading.models.pictures import contained_path
+from mmi.reading.pictures import contained_path
 from mmi.reading.report import Ledger
 
 __all__ = ["GltfFile", "open_gltf"]

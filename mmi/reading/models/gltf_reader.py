@@ -34,8 +34,8 @@ from mmi.gltf.codes import (
     WEBP,
 )
 from mmi.reading.models.gltf_buffers import GltfFile, open_gltf
-from mmi.reading.models.pictures import PictureShelf
 from mmi.reading.models.raw_meshes import joined_meshes, placed_corners
+from mmi.reading.pictures import PictureShelf
 from mmi.reading.raw_layers import ModelLayer, RawModel, RawStreet
 from mmi.reading.report import Ledger
 

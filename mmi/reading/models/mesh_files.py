@@ -1,4 +1,4 @@
-"""3D models without a city's structure: glTF, OBJ, PLY, STL and what else trimesh reads, as buildings, ground and streets.
+"""3D models without a city's structure: glTF, OBJ, PLY, OFF and STL become buildings, ground and streets.
 
 A node or group with a name is a building. A file that is one mesh, or whose nodes each span the whole city (one for each
 material), is taken apart by ``mmi.reading.models.triangle_soup``. Nothing in a file is ever evaluated, and nothing outside
@@ -17,12 +17,12 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
-from mmi.city.model import PAINTED, PLAIN, TriangleMesh
+from mmi.city.model import TriangleMesh
 from mmi.foundation.errors import CityError, ParameterError
 from mmi.reading.models.gltf_reader import read_gltf
 from mmi.reading.models.obj import read_obj
+from mmi.reading.models.polygon_files import read_polygon_file
 from mmi.reading.models.raw_meshes import joined_meshes, placed_corners, y_up_to_z_up
 from mmi.reading.models.triangle_soup import split_into_objects
 from mmi.reading.raw_layers import ModelLayer, RawModel, with_unique_ids
@@ -31,9 +31,10 @@ from mmi.reading.report import Ledger
 __all__ = ["MESH_SUFFIXES", "is_mesh", "read_meshes", "up_axis"]
 
 _GLTF = (".glb", ".gltf")
-_BY_TRIMESH = (".ply", ".stl", ".off")
+_POLYGONS = (".ply", ".off")
+_BY_TRIMESH = (".stl",)
 _TO_CONVERT = (".dae", ".3ds", ".fbx", ".blend", ".skp", ".max", ".usd", ".usdz", ".usda", ".x3d", ".wrl", ".dxf")
-MESH_SUFFIXES = (*_GLTF, ".obj", *_BY_TRIMESH)
+MESH_SUFFIXES = (*_GLTF, ".obj", *_POLYGONS, *_BY_TRIMESH)
 """Endings of files that ``read_meshes`` reads."""
 _GROUND_NAMES = frozenset({"terrain", "ground", "relief", "dem", "tin"})
 _OVERLAP = 1.5
@@ -74,7 +75,12 @@ def read_meshes(path: Path, ledger: Ledger, *, up: str = "auto") -> ModelLayer:
                 f"{path}: {suffix} is not read; expected {', '.join(MESH_SUFFIXES)}: convert it, for instance with "
                 f"`assimp export {path.name} {path.stem}.glb`, or open it in Blender and export glTF"
             )
-        layer = read_obj(path, ledger) if suffix == ".obj" else _read_by_trimesh(path, ledger)
+        if suffix == ".obj":
+            layer = read_obj(path, ledger)
+        elif suffix in _BY_TRIMESH:
+            layer = _read_by_trimesh(path, ledger)
+        else:
+            layer = read_polygon_file(path, ledger)
         axis = up_axis(joined_meshes([item.mesh for item in layer.items])) if up == "auto" else up
         if axis == "y":
             ledger.note("noted", "axis that points up: y" + (" (guessed)" if up == "auto" else ""))
@@ -110,17 +116,15 @@ def up_axis(mesh: TriangleMesh) -> str:
 
 
 def _read_by_trimesh(path: Path, ledger: Ledger) -> ModelLayer:
-    """PLY, STL and OFF: geometry, and colours of vertices or faces where the file has any."""
-    suffix = path.suffix.lower()
-    suffix = suffix if suffix in _BY_TRIMESH else ".ply"
+    """STL: triangles without looks."""
+    kind = path.suffix[1:]
     try:
         with _silence(), np.errstate(all="ignore"):
             # From memory, so that trimesh cannot open other files that this one refers to.
-            loaded = trimesh.load(io.BytesIO(path.read_bytes()), file_type=suffix[1:], process=False)
+            loaded = trimesh.load(io.BytesIO(path.read_bytes()), file_type=kind.lower(), process=False)
             mesh = loaded.to_mesh() if isinstance(loaded, trimesh.Scene) else loaded
-            colors = _colors(mesh) if isinstance(mesh, trimesh.Trimesh) else None
         if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
-            raise CityError(f"{path}: expected {suffix[1:].upper()} with triangles, found none")
+            raise CityError(f"{path}: expected {kind.upper()} with triangles, found none")
         points, triangles = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
         if not 0 <= triangles.min() <= triangles.max() < len(points):
             raise ValueError(f"corners of {len(points)} points, found number {triangles.max()}")
@@ -128,14 +132,12 @@ def _read_by_trimesh(path: Path, ledger: Ledger) -> ModelLayer:
         raise
     except Exception as error:  # whatever trimesh stumbles over
         raise CityError(
-            f"{path}: expected {suffix[1:].upper()}, complete and valid; found: {' '.join(str(error).split())[:200]}"
+            f"{path}: expected {kind.upper()}, complete and valid; found: {' '.join(str(error).split())[:200]}"
         ) from error
     points, keep = placed_corners(points, triangles, path.stem, ledger)
     if not keep.any():
         raise CityError(f"{path}: expected triangles with corners that are numbers, found none")
-    textures = np.full(len(triangles), PAINTED if colors is None else PLAIN, dtype=np.int32)
-    own = None if colors is None else colors[keep]
-    one = TriangleMesh(points, triangles[keep].astype(np.int32), textures[keep], own)  # type: ignore[arg-type]
+    one = TriangleMesh(points, triangles[keep].astype(np.int32))
     return ModelLayer(str(path), (RawModel(path.stem, one),), None)
 
 
@@ -150,17 +152,6 @@ def _silence() -> Iterator[None]:
             yield
     finally:
         logger.removeHandler(handler)
-
-
-def _colors(mesh: trimesh.Trimesh) -> NDArray[np.uint8] | None:
-    """Colours (m, 3) of the triangles, or None: the file has none."""
-    looks = mesh.visual
-    if not isinstance(looks, trimesh.visual.ColorVisuals):
-        return None
-    if looks.kind == "vertex":
-        corners = np.asarray(looks.vertex_colors)[np.asarray(mesh.faces), :3]
-        return np.rint(corners.astype(np.float64).mean(axis=1)).astype(np.uint8)
-    return np.asarray(looks.face_colors)[:, :3].astype(np.uint8) if looks.kind == "face" else None
 
 
 def _without_ground(layer: ModelLayer) -> ModelLayer:

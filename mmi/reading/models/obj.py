@@ -19,15 +19,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import mapbox_earcut
 import numpy as np
 from numpy.typing import NDArray
 
 from mmi.city.model import PAINTED, PLAIN, TriangleMesh
 from mmi.foundation.errors import CityError
-from mmi.reading.models.pictures import PictureShelf, contained_path
-from mmi.reading.models.raw_meshes import placed_corners
+from mmi.reading.models.raw_meshes import cut_polygons, placed_corners
 from mmi.reading.names import readable_name
+from mmi.reading.pictures import PictureShelf, contained_path
 from mmi.reading.raw_layers import ModelLayer, RawModel
 from mmi.reading.report import Ledger
 
@@ -84,7 +83,7 @@ def read_obj(path: Path, ledger: Ledger) -> ModelLayer:
     for line in libraries:
         for name in _library_names(path, line):
             looks |= _read_materials(path, name, shelf, ledger)
-    triangles, face_of = _triangulated(points, faces)
+    triangles, face_of = cut_polygons(points, np.array(faces.sizes), np.array(faces.points))
     mesh = _dressed(path, points, colors, coordinates, faces, triangles, face_of, looks, ledger)
     names = faces.objects if len(set(faces.objects)) > 1 or not any(faces.groups) else faces.groups
     first: dict[bytes, int] = {}
@@ -266,52 +265,6 @@ def _is_number(word: bytes) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _triangulated(points: NDArray[np.float64], faces: _Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Triangles (m, 3) as places of corners in the lists of ``faces``, and the face of each (m,); in the order of faces."""
-    sizes = np.array(faces.sizes)
-    starts = np.cumsum(sizes) - sizes
-    corners = np.array(faces.points)
-    parts, owners = [], []
-    threes = np.flatnonzero(sizes == 3)
-    parts.append(starts[threes, None] + np.arange(3))
-    owners.append(threes)
-    fours = np.flatnonzero(sizes == 4)
-    if fours.size:
-        quads = starts[fours, None] + np.arange(4)
-        a, b, c, d = np.moveaxis(np.nan_to_num(points[corners[quads]]), 1, 0)
-        # A dart is cut at its inner corner: the other diagonal would leave it.
-        other = (np.cross(b - a, c - a) * np.cross(c - a, d - a)).sum(axis=1) < 0.0
-        quads[other] = np.roll(quads[other], -1, axis=1)
-        parts += [quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]
-        owners += [fours, fours]
-    for face in np.flatnonzero(sizes > 4):
-        ring = starts[face] + np.arange(sizes[face])
-        cut = _cut_polygon(np.nan_to_num(points[corners[ring]]))
-        parts.append(ring[cut])
-        owners.append(np.full(len(cut), face))
-    triangles, face_of = np.concatenate(parts), np.concatenate(owners)
-    order = np.argsort(face_of, kind="stable")
-    return triangles[order], face_of[order]
-
-
-def _cut_polygon(ring: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Triangles (m, 3) of the polygon (n, 3), seen along the axis that shows it largest; a fan where it has no area."""
-    ahead = np.roll(ring, -1, axis=0)
-    normal = np.cross(ring - ring[0], ahead - ring[0]).sum(axis=0)
-    axis = int(np.argmax(np.abs(normal)))
-    flat = ring[:, [(axis + 1) % 3, (axis + 2) % 3]]
-    flat = flat if normal[axis] >= 0.0 else flat[:, ::-1]
-    cut = mapbox_earcut.triangulate_float64(np.ascontiguousarray(flat), np.array([len(ring)], dtype=np.uint32))
-    if len(cut) == 0:
-        k = np.arange(1, len(ring) - 1)
-        return np.column_stack([np.zeros_like(k), k, k + 1])
-    triangles = np.asarray(cut, dtype=np.int64).reshape(-1, 3)
-    a, b, c = np.moveaxis(flat[triangles], 1, 0)
-    turned = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0] < 0.0
-    triangles[turned] = triangles[turned][:, ::-1]
-    return triangles
 
 
 def _dressed(

@@ -1,10 +1,11 @@
-"""Triangle meshes as readers handle them: joined, taken apart, picked from, turned, freed of corners that have no place."""
+"""Triangle meshes as readers handle them: joined, cut from polygons, turned, freed of corners that have no place."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
+import mapbox_earcut
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
@@ -13,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from mmi.city.model import TriangleMesh
 from mmi.reading.report import Ledger
 
-__all__ = ["joined_meshes", "linked", "placed_corners", "y_up_to_z_up"]
+__all__ = ["cut_polygons", "joined_meshes", "linked", "placed_corners", "y_up_to_z_up"]
 
 _FARTHEST = 1.0e8
 """Metres: coordinates beyond are a mistake, no projection of the earth reaches there."""
@@ -40,6 +41,56 @@ def linked(n: int, a: NDArray[np.integer[Any]], b: NDArray[np.integer[Any]]) -> 
     rank = np.empty(len(first), dtype=np.int64)
     rank[np.argsort(first)] = np.arange(len(first))
     return rank[label.reshape(-1)]
+
+
+def cut_polygons(
+    points: NDArray[np.float64], sizes: NDArray[np.int64], corners: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Polygons cut into triangles (m, 3), and the polygon of each (m,); in the order of the polygons.
+
+    The polygons have ``sizes`` (k,) corners each; ``corners`` (n,) are those of all, as places in ``points``. Triangles are
+    places in ``corners``. Inner corners and concave outlines are kept.
+    """
+    starts = np.cumsum(sizes) - sizes
+    parts, owners = [], []
+    threes = np.flatnonzero(sizes == 3)
+    parts.append(starts[threes, None] + np.arange(3))
+    owners.append(threes)
+    fours = np.flatnonzero(sizes == 4)
+    if fours.size:
+        quads = starts[fours, None] + np.arange(4)
+        a, b, c, d = np.moveaxis(np.nan_to_num(points[corners[quads]]), 1, 0)
+        # A dart is cut at its inner corner: the other diagonal would leave it.
+        other = (np.cross(b - a, c - a) * np.cross(c - a, d - a)).sum(axis=1) < 0.0
+        quads[other] = np.roll(quads[other], -1, axis=1)
+        parts += [quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]
+        owners += [fours, fours]
+    for face in np.flatnonzero(sizes > 4):
+        ring = starts[face] + np.arange(sizes[face])
+        cut = _cut_polygon(np.nan_to_num(points[corners[ring]]))
+        parts.append(ring[cut])
+        owners.append(np.full(len(cut), face))
+    triangles, face_of = np.concatenate(parts), np.concatenate(owners)
+    order = np.argsort(face_of, kind="stable")
+    return triangles[order], face_of[order]
+
+
+def _cut_polygon(ring: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Triangles (m, 3) of the polygon (n, 3), seen along the axis that shows it largest; a fan where it has no area."""
+    ahead = np.roll(ring, -1, axis=0)
+    normal = np.cross(ring - ring[0], ahead - ring[0]).sum(axis=0)
+    axis = int(np.argmax(np.abs(normal)))
+    flat = ring[:, [(axis + 1) % 3, (axis + 2) % 3]]
+    flat = flat if normal[axis] >= 0.0 else flat[:, ::-1]
+    cut = mapbox_earcut.triangulate_float64(np.ascontiguousarray(flat), np.array([len(ring)], dtype=np.uint32))
+    if len(cut) == 0:
+        k = np.arange(1, len(ring) - 1)
+        return np.column_stack([np.zeros_like(k), k, k + 1])
+    triangles = np.asarray(cut, dtype=np.int64).reshape(-1, 3)
+    a, b, c = np.moveaxis(flat[triangles], 1, 0)
+    turned = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0] < 0.0
+    triangles[turned] = triangles[turned][:, ::-1]
+    return triangles
 
 
 def placed_corners(

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from mmi.reading.models.pictures import PictureShelf
 from mmi.reading.names import UniqueNames
+from mmi.reading.pictures import PictureShelf
 from mmi.reading.raw_layers import RawBuilding, with_unique_ids
 from mmi.reading.report import Ledger
 
