@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mmi.capture.layer_values import DepthTexture
 from mmi.city.model import City
-from mmi.foundation.ray_chords import chord, frame_of
+from mmi.foundation.ray_chords import Intrinsics, chord, intrinsics_of
 
 __all__ = ["touching", "with_rims"]
 
@@ -64,7 +64,7 @@ def with_rims(
         (beside.color, beside.depth, beside.object_ids),
         np.unique(pairs @ np.array([count, 1])),
         count,
-        *frame_of(texture.view, viewpoints),
+        *intrinsics_of(texture.view, viewpoints),
         2.0 * np.sin(0.5 * tolerance),
     )
     return DepthTexture(texture.view, *arrays)
@@ -79,7 +79,7 @@ def _rimmed(
     other: _Picture,
     pairs: NDArray[np.int64],
     count: int,
-    frame: tuple[float, float, float],
+    intrinsics: Intrinsics,
     offsets: NDArray[np.float64],
     tolerance: float,
 ) -> _Picture:
@@ -123,7 +123,7 @@ def _rimmed(
                 if not other_known:
                     other_slope = -slope
                 meets = abs((w + 0.5 * other_slope) - (v + 0.5 * slope)) <= _ONE_EDGE * w
-                if meets and chord(i + 0.5, j + 0.5, w, v + slope, frame, offsets) <= tolerance:
+                if meets and chord(i + 0.5, j + 0.5, w, v + slope, intrinsics, offsets) <= tolerance:
                     new_color[j, i], new_depth[j, i], new_ids[j, i] = (
                         other_color[j, i],
                         other_depth[j, i],

@@ -2,30 +2,40 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 
-__all__ = ["chord", "frame_of", "may_exceed"]
+__all__ = ["Intrinsics", "chord", "intrinsics_of", "may_exceed"]
 
 
-def frame_of(view: View, viewpoints: NDArray[np.float64]) -> tuple[tuple[float, float, float], NDArray[np.float64]]:
-    """The window's left, top and focal length in texels, and ``viewpoints`` (k, 3) in the capture's eye space."""
+class Intrinsics(NamedTuple):
+    """A capture's camera: ``left`` and ``top`` of its window from the optical axis, and its ``focal`` length, in texels."""
+
+    left: float
+    top: float
+    focal: float
+
+
+def intrinsics_of(view: View, viewpoints: NDArray[np.float64]) -> tuple[Intrinsics, NDArray[np.float64]]:
+    """The intrinsics of a capture's view, and ``viewpoints`` (k, 3) in its eye space, metres."""
     offsets = viewpoints @ view.eye_from_world[:3, :3].T + view.eye_from_world[:3, 3]
-    return (float(view.window[0]), float(view.window[1]), view.focal), offsets
+    return Intrinsics(float(view.window[0]), float(view.window[1]), view.focal), offsets
 
 
 @njit(cache=True, error_model="numpy")
 def chord(
-    x: float, y: float, captured: float, drawn: float, frame: tuple[float, float, float], offsets: NDArray[np.float64]
+    x: float, y: float, captured: float, drawn: float, intrinsics: Intrinsics, offsets: NDArray[np.float64]
 ) -> float:
     """Distance between the directions to where a texel was captured and where it is drawn (both 1/z), from any of ``offsets``.
 
     (x, y) counts in texels from the window's corner; ``offsets`` (k, 3) are viewpoints in the capture's eye space.
     """
-    ux, uy = (frame[0] + x) / frame[2], -(frame[1] + y) / frame[2]
+    ux, uy = (intrinsics.left + x) / intrinsics.focal, -(intrinsics.top + y) / intrinsics.focal
     most = 0.0
     z1, z2 = 1.0 / captured, 1.0 / drawn
     for k in range(len(offsets)):

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from mmi.capture.layer_values import DepthTexture, GridMesh
 from mmi.foundation.ray_chords import chord
-from mmi.meshing.displacement import as_seen
+from mmi.meshing.displacement import Captured, as_seen
 from mmi.meshing.triangulation import UV_ERROR, stretch, triangulated
 
 __all__ = ["grid_mesh"]
@@ -44,8 +44,7 @@ def grid_mesh(texture: DepthTexture, *, viewpoints: NDArray[np.float64], toleran
     if not texture.coverage.any():
         raise ValueError("a depth texture that shows something expected, found an empty one")
     left, top, width, height = texture.view.window
-    inverse, frame, offsets = as_seen(texture, viewpoints)
-    lattice, triangles, values = _mesh(inverse, frame, offsets, 2.0 * np.sin(0.5 * tolerance))
+    lattice, triangles, values = _mesh(as_seen(texture, viewpoints), 2.0 * np.sin(0.5 * tolerance))
     vertices = texture.view.unproject(left + lattice[:, 0], top + lattice[:, 1], 1.0 / values)
     uv = lattice / np.array([width, height])
     return GridMesh(vertices.astype(np.float32), uv.astype(np.float32), triangles)
@@ -138,12 +137,7 @@ def _trimmed(covered: NDArray[np.bool_], box: tuple[int, int, int, int]) -> tupl
 
 @njit(cache=True, error_model="numpy")
 def _worst(
-    inverse: NDArray[np.float64],
-    box: tuple[int, int, int, int],
-    corners: tuple[float, float, float, float],
-    frame: tuple[float, float, float],
-    offsets: NDArray[np.float64],
-    tolerance: float,
+    captured: Captured, box: tuple[int, int, int, int], corners: tuple[float, float, float, float], tolerance: float
 ) -> tuple[int, int]:
     """A texel of the box that two triangles between its corners' 1/z displace by more than the tolerance; (-1, -1) for none.
 
@@ -151,6 +145,7 @@ def _worst(
     """
     x0, y0, x1, y1 = box
     upper_left, upper_right, lower_left, lower_right = corners
+    inverse, offsets = captured.inverse, captured.offsets
     most, at = 0.0, (-1, -1)
     # What is certainly within the tolerance needs no angles.
     reach = 0.0
@@ -173,7 +168,7 @@ def _worst(
             closest = 1.0 - reach * max(w, drawn)
             if closest > 0.0 and reach * off < tolerance * closest * closest:
                 continue
-            if chord(i + 0.5, j + 0.5, w, drawn, frame, offsets) > tolerance:
+            if chord(i + 0.5, j + 0.5, w, drawn, captured.intrinsics, offsets) > tolerance:
                 most, at = off / w, (i, j)
     return at
 
@@ -241,8 +236,7 @@ def _cut_beside(
     box: tuple[int, int, int, int],
     known: NDArray[np.float64],
     used: NDArray[np.int32],
-    frame: tuple[float, float, float],
-    offsets: NDArray[np.float64],
+    captured: Captured,
     tolerance: float,
 ) -> tuple[bool, int]:
     """Where to cut a box of which a side has a vertex farther from the straight line than the tolerance: as :func:`_cut`.
@@ -265,7 +259,9 @@ def _cut_beside(
                 continue
             straight = first + (last - first) * (k - start) / (end - start)
             off = abs(straight - known[y, x]) / straight
-            if off > max(most, 1e-6) and chord(x, y, straight, known[y, x], frame, offsets) > tolerance:
+            if off <= max(most, 1e-6):
+                continue
+            if chord(x, y, straight, known[y, x], captured.intrinsics, captured.offsets) > tolerance:
                 most = off
                 strip = fixed + 1 if side % 2 == 0 else fixed - 1
                 found = (not level, strip) if thick > 1 else (level, k)
@@ -282,13 +278,9 @@ def _halves(box: tuple[int, int, int, int], across: bool, where: int) -> list[tu
 
 
 @njit(cache=True, error_model="numpy")
-def _mesh(
-    inverse: NDArray[np.float64],
-    frame: tuple[float, float, float],
-    offsets: NDArray[np.float64],
-    tolerance: float,
-) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+def _mesh(captured: Captured, tolerance: float) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
     """Vertices on the lattice of texel corners (n, 2), triangles (m, 3), and the vertices' 1/z (n,)."""
+    inverse = captured.inverse
     height, width = inverse.shape
     covered = np.zeros((height, width), dtype=np.bool_)  # and a texel beyond: filtering reaches that far
     for j in range(height):
@@ -321,7 +313,7 @@ def _mesh(
                 across, where = True, (x0 + x1) // 2
             elif in_y and y1 - y0 > 1:
                 across, where = False, (y0 + y1) // 2
-            at = _worst(inverse, box, corners, frame, offsets, tolerance)
+            at = _worst(captured, box, corners, tolerance)
             if at[0] >= 0 and (x1 - x0 > 1 or y1 - y0 > 1):
                 across, where = _cut(inverse, box, at)
             if where < 0:
@@ -335,10 +327,10 @@ def _mesh(
         kept = [(0, 0, 0, 0)]
         kept.pop()
         for box in leaves:
-            across, where = _cut_beside(box, known, used, frame, offsets, tolerance)
+            across, where = _cut_beside(box, known, used, captured, tolerance)
             if where < 0:
                 kept.append(box)
             else:
                 stack.extend(_halves(box, across, where))
         leaves = kept
-    return triangulated(inverse, leaves, known, frame, offsets, tolerance)
+    return triangulated(captured, leaves, known, tolerance)

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mmi.meshing.displacement import displaced_by
+from mmi.meshing.displacement import Captured, Vertices, displaced_by
 
 __all__ = ["UV_ERROR", "stretch", "triangulated"]
 
@@ -29,20 +29,14 @@ def stretch(length: float, one: float, other: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def triangulated(
-    inverse: NDArray[np.float64],
-    boxes: list[tuple[int, int, int, int]],
-    known: NDArray[np.float64],
-    frame: tuple[float, float, float],
-    offsets: NDArray[np.float64],
-    tolerance: float,
+    captured: Captured, boxes: list[tuple[int, int, int, int]], known: NDArray[np.float64], tolerance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
     """Vertices (n, 2) on the lattice of texel corners and in the middle of boxes, triangles (m, 3), and the vertices' 1/z (n,).
 
     ``boxes`` (x0, y0, x1, y1) do not overlap; ``known`` (h + 1, w + 1) is 1/z at texel corners, at least at those of boxes.
-    ``inverse`` (h, w) is what was captured, 0 for nothing; ``frame``, ``offsets`` and ``tolerance`` (a chord) are those of
-    :func:`mmi.foundation.ray_chords.chord`.
+    ``tolerance`` is a chord (:func:`mmi.foundation.ray_chords.chord`).
     """
-    height, width = inverse.shape
+    height, width = captured.inverse.shape
     used = np.full((height + 1, width + 1), -1, dtype=np.int32)
     for x0, y0, x1, y1 in boxes:
         used[y0, x0] = used[y0, x1] = used[y1, x0] = used[y1, x1] = 0
@@ -52,7 +46,8 @@ def triangulated(
             if used[y, x] == 0:
                 used[y, x] = count
                 count += 1
-    lattice, values = np.empty((count + len(boxes), 2)), np.empty(count + len(boxes))
+    vertices = Vertices(np.empty((count + len(boxes), 2)), np.empty(count + len(boxes)))
+    lattice, values = vertices.lattice, vertices.values
     for y in range(height + 1):
         for x in range(width + 1):
             if used[y, x] >= 0:
@@ -87,7 +82,7 @@ def triangulated(
         # The middle is where it would be without the others' vertices: on the diagonal. Mostly, one of these will do instead.
         lattice[count, 0], lattice[count, 1] = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
         values[count] = 0.5 * (known[y0, x0] + known[y1, x1])
-        apex = _apex(inverse, lattice, values, ring[:around], count, frame, offsets, tolerance)
+        apex = _apex(captured, vertices, ring[:around], count, tolerance)
         if apex < 0:
             for k in range(around):
                 triangles.append((ring[k], ring[(k + 1) % around], np.int32(count)))  # noqa: PERF401 (Numba)
@@ -102,23 +97,14 @@ def triangulated(
 
 
 @njit(cache=True, error_model="numpy")
-def _apex(
-    inverse: NDArray[np.float64],
-    lattice: NDArray[np.float64],
-    values: NDArray[np.float64],
-    ring: NDArray[np.int32],
-    middle: int,
-    frame: tuple[float, float, float],
-    offsets: NDArray[np.float64],
-    tolerance: float,
-) -> int:
+def _apex(captured: Captured, vertices: Vertices, ring: NDArray[np.int32], middle: int, tolerance: float) -> int:
     """The place in a rectangle's ``ring`` of a vertex from which a fan shows it as well as one from its middle; -1 for none.
 
     The fan is as good where it stays within the tolerance, or displaces no more than the fan from the middle does. It has two
     triangles less.
     """
-    around = len(ring)
-    limit, reach = 0.0, (offsets**2).sum(axis=1).max() ** 0.5
+    around, lattice, values = len(ring), vertices.lattice, vertices.values
+    limit, reach = 0.0, (captured.offsets**2).sum(axis=1).max() ** 0.5
     for apex in range(around):
         # No triangle may be a line (of its own sides, none has a third vertex), and none too long for its texture.
         allowed = True
@@ -134,11 +120,11 @@ def _apex(
             limit = tolerance
             for k in range(around):
                 of_middle = (ring[k], ring[(k + 1) % around], middle)
-                limit = displaced_by(inverse, lattice, values, of_middle, frame, offsets, reach, limit)
+                limit = displaced_by(captured, vertices, of_middle, reach, limit)
         within = True
         for k in range(apex + 1, apex + around - 1):
             corners = (ring[k % around], ring[(k + 1) % around], ring[apex])
-            within &= displaced_by(inverse, lattice, values, corners, frame, offsets, reach, limit) <= limit
+            within &= displaced_by(captured, vertices, corners, reach, limit) <= limit
         if within:
             return apex
     return -1

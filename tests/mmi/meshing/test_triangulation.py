@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from numba.typed import List
 
+from mmi.foundation.ray_chords import Intrinsics
+from mmi.meshing.displacement import Captured
 from mmi.meshing.triangulation import triangulated
 
-FRAME = (-16.0, -16.0, 100.0)
+INTRINSICS = Intrinsics(-16.0, -16.0, 100.0)
 OFFSETS = np.array([[x, 0.0, z] for x in (-3.0, 3.0) for z in (-3.0, 3.0)])
 """Viewpoints in the capture's eye space, metres."""
 
@@ -18,7 +20,7 @@ def boxes_of(*boxes):
 
 
 def run(inverse, known, *boxes, tolerance=1e-3):
-    return triangulated(inverse, boxes_of(*boxes), known, FRAME, OFFSETS, tolerance)
+    return triangulated(Captured(inverse, INTRINSICS, OFFSETS), boxes_of(*boxes), known, tolerance)
 
 
 def plane(side=32, across=0.0, down=0.0):
