@@ -22,7 +22,7 @@ face what is within ``reach`` metres of it, since a viewpoint stands for its sur
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 __all__ = ["BINS", "Rings", "pack_rings", "sweep"]
 
 BINS = 64
-"""Most bins of viewpoints: bits in which an edge says whence it is seen."""
+"""Bins of viewpoints, at most: an edge has a bit for each, which says whether it is seen from there."""
 
 _STAIRS = 48
 """Most steps of a column's staircase. A step that finds it full is left out: less is hidden, nothing is lost."""
@@ -41,12 +41,11 @@ _RADIAL = 1e-6
 """Columns. Edges that turn less are too radial for a stable crossing; they count with their farther end."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Rings:
+class Rings(NamedTuple):
     """Closed rings, solid to their left, each with a height: ``xy`` (n, 2) metres, first vertex not repeated.
 
     Ring i is ``xy[starts[i] : starts[i + 1]]``; ``heights`` (r,) metres; ``boxes`` (r, 4) min x, min y, max x, max y;
-    ``owners`` (r,) the polygon, counted as in the input of :func:`pack_rings`.
+    ``owners`` (r,) the polygon, counted as in the input of :func:`pack_rings`. Made by that, with arrays that are read-only.
     """
 
     xy: NDArray[np.float64]
@@ -55,9 +54,25 @@ class Rings:
     boxes: NDArray[np.float64]
     owners: NDArray[np.int64]
 
-    def __post_init__(self) -> None:
-        for array in (self.xy, self.starts, self.heights, self.boxes, self.owners):
-            array.setflags(write=False)
+
+class _Panorama(NamedTuple):
+    """The skyline of a viewpoint, column by column: the staircase of column c is ``steps[c, : counts[c]]``.
+
+    ``steps`` (columns, _STAIRS, 2) are distances in metres and slopes, both growing; ``rays`` (columns, 2) are the directions
+    of the boundaries at which columns begin.
+    """
+
+    rays: NDArray[np.float64]
+    steps: NDArray[np.float64]
+    counts: NDArray[np.int64]
+
+
+class _Found(NamedTuple):
+    """What the sweep finds: ``seen`` (objects,), and ``lowest`` and ``sight`` (e,) of edges, as :func:`sweep` returns them."""
+
+    seen: NDArray[np.bool_]
+    lowest: NDArray[np.float64]
+    sight: NDArray[np.uint64]
 
 
 def pack_rings(polygons: NDArray[np.object_], heights: NDArray[np.float64]) -> Rings:
@@ -66,13 +81,16 @@ def pack_rings(polygons: NDArray[np.object_], heights: NDArray[np.float64]) -> R
     xy, ring_of_point = shapely.get_coordinates(rings, return_index=True)
     closing = np.append(ring_of_point[1:] != ring_of_point[:-1], True) if len(xy) else np.empty(0, dtype=bool)
     counts = np.bincount(ring_of_point[~closing], minlength=len(rings))
-    return Rings(
+    packed = Rings(
         xy=np.ascontiguousarray(xy[~closing]),
         starts=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         heights=heights[owners].astype(np.float64),
         boxes=shapely.bounds(rings).reshape(-1, 4),
         owners=owners.astype(np.int64),
     )
+    for array in packed:
+        array.setflags(write=False)
+    return packed
 
 
 def sweep(
@@ -86,7 +104,7 @@ def sweep(
     columns: int,
     reach: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.uint64]]:
-    """Marks in ``seen`` (objects,) every object that some of ``viewpoints`` (k, 3) may see; how low and whence, edge by edge.
+    """Marks in ``seen`` (objects,) every object that some of ``viewpoints`` (k, 3) may see. Tells what of each edge shows.
 
     ``occluders`` hide with their height, from the ground up, and are looked at in ``order`` (r,): nearest first makes
     the rest cheap. Ring i of ``occludees`` belongs to object ``owners[i]``. No viewpoint may lie on an occluder's ring.
@@ -97,90 +115,60 @@ def sweep(
     """
     turn = np.arange(columns) * (2.0 * math.pi / columns)
     rays = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    lowest = np.full(len(occludees.xy), math.inf)
-    sight = np.zeros(len(occludees.xy), dtype=np.uint64)
-    _sweep(
-        viewpoints,
-        occluders.xy,
-        occluders.starts,
-        occluders.heights,
-        occluders.boxes,
-        order,
-        occludees.xy,
-        occludees.starts,
-        occludees.heights,
-        occludees.boxes,
-        owners,
-        seen,
-        lowest,
-        sight,
-        reach,
-        rays,
-    )
-    return lowest, sight
+    panorama = _Panorama(rays, np.empty((columns, _STAIRS, 2)), np.empty(columns, dtype=np.int64))
+    edges = len(occludees.xy)
+    found = _Found(seen, np.full(edges, math.inf), np.zeros(edges, dtype=np.uint64))
+    _sweep(viewpoints, occluders, order, occludees, owners, reach, panorama, found)
+    return found.lowest, found.sight
 
 
 @njit(cache=True, error_model="numpy")
 def _sweep(
     viewpoints: NDArray[np.float64],
-    solid_xy: NDArray[np.float64],
-    solid_starts: NDArray[np.int64],
-    solid_heights: NDArray[np.float64],
-    solid_boxes: NDArray[np.float64],
+    occluders: Rings,
     order: NDArray[np.int64],
-    wall_xy: NDArray[np.float64],
-    wall_starts: NDArray[np.int64],
-    wall_heights: NDArray[np.float64],
-    wall_boxes: NDArray[np.float64],
-    wall_owners: NDArray[np.int64],
-    seen: NDArray[np.bool_],
-    lowest: NDArray[np.float64],
-    sight: NDArray[np.uint64],
+    occludees: Rings,
+    owners: NDArray[np.int64],
     reach: float,
-    rays: NDArray[np.float64],
+    panorama: _Panorama,
+    found: _Found,
 ) -> None:
-    columns = len(rays)
     bins = min(len(viewpoints), BINS)
-    steps = np.empty((columns, _STAIRS, 2))
-    counts = np.empty(columns, dtype=np.int64)
     for v in range(len(viewpoints)):
         x, y, eye = viewpoints[v]
-        counts[:] = 0
+        panorama.counts[:] = 0
         for ring in order:
-            height = solid_heights[ring] - eye
-            if height > 0.0 and not _box_hidden(solid_boxes[ring], x, y, height, steps, counts):
-                _raise_horizon(solid_xy, solid_starts[ring], solid_starts[ring + 1], x, y, height, rays, steps, counts)
-        for ring in range(len(wall_heights)):
-            owner = wall_owners[ring]
-            height = wall_heights[ring] - eye
-            if _box_hidden(wall_boxes[ring], x, y, height, steps, counts):
+            height = occluders.heights[ring] - eye
+            if height > 0.0 and not _box_hidden(occluders.boxes[ring], x, y, height, panorama):
+                _raise_horizon(occluders, ring, x, y, height, panorama)
+        for ring in range(len(occludees.heights)):
+            if _box_hidden(occludees.boxes[ring], x, y, occludees.heights[ring] - eye, panorama):
                 continue
-            start, end = wall_starts[ring], wall_starts[ring + 1]
             bit = np.uint64(1) << np.uint64(v * bins // len(viewpoints))
-            if _ring_seen(wall_xy, start, end, x, y, eye, height, reach, bit, rays, steps, counts, lowest, sight):
-                seen[owner] = True
+            if _ring_seen(occludees, ring, viewpoints[v], reach, bit, panorama, found):
+                found.seen[owners[ring]] = True
 
 
 @njit(cache=True, error_model="numpy")
-def _hidden(column: int, distance: float, slope: float, steps: NDArray[np.float64], counts: NDArray[np.int64]) -> bool:
+def _hidden(column: int, distance: float, slope: float, panorama: _Panorama) -> bool:
     """Whether a point at ``distance`` and ``slope`` is behind and below a step of the column's staircase."""
-    return _skyline(column, distance, steps, counts) >= slope
+    return _skyline(column, distance, panorama) >= slope
 
 
 @njit(cache=True, error_model="numpy")
-def _skyline(column: int, distance: float, steps: NDArray[np.float64], counts: NDArray[np.int64]) -> float:
+def _skyline(column: int, distance: float, panorama: _Panorama) -> float:
     """The slope up to which a point at ``distance`` is hidden; -inf where nothing is in front of it."""
-    i = counts[column] - 1
+    steps = panorama.steps
+    i = panorama.counts[column] - 1
     while i >= 0 and steps[column, i, 0] >= distance:
         i -= 1
     return steps[column, i, 1] if i >= 0 else -math.inf
 
 
 @njit(cache=True, error_model="numpy")
-def _add_step(
-    column: int, distance: float, slope: float, steps: NDArray[np.float64], counts: NDArray[np.int64]
-) -> None:
+def _add_step(column: int, distance: float, slope: float, panorama: _Panorama) -> None:
     """Keeps the staircase sorted by distance with growing slopes."""
+    steps, counts = panorama.steps, panorama.counts
     n = counts[column]
     i = n
     while i > 0 and steps[column, i - 1, 0] > distance:
@@ -207,11 +195,9 @@ def _add_step(
 
 
 @njit(cache=True, error_model="numpy")
-def _box_hidden(
-    box: NDArray[np.float64], x: float, y: float, height: float, steps: NDArray[np.float64], counts: NDArray[np.int64]
-) -> bool:
+def _box_hidden(box: NDArray[np.float64], x: float, y: float, height: float, panorama: _Panorama) -> bool:
     """Whether everything in ``box`` (min x, min y, max x, max y) below ``height`` over the eye is hidden."""
-    columns = len(counts)
+    columns = len(panorama.counts)
     x0, y0, x1, y1 = box[0] - x, box[1] - y, box[2] - x, box[3] - y
     dx = max(x0, -x1, 0.0)
     dy = max(y0, -y1, 0.0)
@@ -238,28 +224,20 @@ def _box_hidden(
         last += columns
     slope = height / distance
     for column in range(math.floor(first), math.floor(last) + 1):
-        if not _hidden(column % columns, distance, slope, steps, counts):
+        if not _hidden(column % columns, distance, slope, panorama):
             return False
     return True
 
 
 @njit(cache=True, error_model="numpy")
-def _raise_horizon(
-    xy: NDArray[np.float64],
-    start: int,
-    end: int,
-    x: float,
-    y: float,
-    height: float,
-    rays: NDArray[np.float64],
-    steps: NDArray[np.float64],
-    counts: NDArray[np.int64],
-) -> None:
+def _raise_horizon(rings: Rings, ring: int, x: float, y: float, height: float, panorama: _Panorama) -> None:
     """Walks a ring and adds a step to each column that a stretch of it crosses from its upper to its lower boundary.
 
-    That is the side of the ring that faces the viewpoint: the solid is to the left, so azimuth falls along it.
+    That is the side of the ring that faces the viewpoint: the solid is to the left, so azimuth falls along it. ``height`` is
+    that of the ring over the eye at (x, y).
     """
-    columns = len(counts)
+    xy, start, end, rays = rings.xy, rings.starts[ring], rings.starts[ring + 1], panorama.rays
+    columns = len(rays)
     scale = columns / (2.0 * math.pi)
     ax, ay = xy[start, 0] - x, xy[start, 1] - y
     a_turn, a_far = math.atan2(ay, ax) * scale, math.hypot(ax, ay)
@@ -286,7 +264,7 @@ def _raise_horizon(
                     distance = both
                 if from_above:
                     farthest = max(farthest, distance)
-                    _add_step(column, farthest, height / farthest, steps, counts)
+                    _add_step(column, farthest, height / farthest, panorama)
                 from_above = True
                 farthest = distance
         elif b_column > a_column:
@@ -302,26 +280,24 @@ def _raise_horizon(
 
 @njit(cache=True, error_model="numpy")
 def _ring_seen(
-    xy: NDArray[np.float64],
-    start: int,
-    end: int,
-    x: float,
-    y: float,
-    eye: float,
-    height: float,
+    rings: Rings,
+    ring: int,
+    viewpoint: NDArray[np.float64],
     reach: float,
     bit: np.uint64,
-    rays: NDArray[np.float64],
-    steps: NDArray[np.float64],
-    counts: NDArray[np.int64],
-    lowest: NDArray[np.float64],
-    sight: NDArray[np.uint64],
+    panorama: _Panorama,
+    found: _Found,
 ) -> bool:
     """Whether the top of an edge of the ring shows in a column that it touches. Edges that face away are left out.
 
-    Of those that face the viewpoint or what is within ``reach`` of it, ``lowest`` and ``sight`` are brought up to date.
+    Of those that face the viewpoint (3,) or what is within ``reach`` of it, what was ``found`` is brought up to date: ``bit``
+    is that of the viewpoint's bin.
     """
-    columns = len(counts)
+    xy, start, end, rays = rings.xy, rings.starts[ring], rings.starts[ring + 1], panorama.rays
+    lowest, sight = found.lowest, found.sight
+    x, y, eye = viewpoint
+    height = rings.heights[ring] - eye
+    columns = len(rays)
     scale = columns / (2.0 * math.pi)
     shows = False
     for first in range(start, end):
@@ -360,7 +336,7 @@ def _ring_seen(
             at_foot = radial or abs(column - foot_column) <= 1 or not leaving >= foot
             distance = (foot if at_foot else min(nearest, leaving)) * (1.0 - 1e-9)
             nearest = leaving
-            hidden_slope = _skyline(column % columns, distance, steps, counts)
+            hidden_slope = _skyline(column % columns, distance, panorama)
             if hidden_slope < height / distance:
                 shows = shows or facing
                 sight[first] |= bit
