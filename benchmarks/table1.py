@@ -52,7 +52,7 @@ def main() -> None:
     visited: list[str] = []
     for step in walk.frames(30.0):
         visited.append(scene.whereabouts.cell_at(np.array(step.pose.eye), current=visited[-1] if visited else None))
-    near = np.median([entries[name]["near_triangles"] for name in visited])
+    near = np.median([entries[name].near_triangles for name in visited])
     side = 1 if options.near is None else math.ceil(math.sqrt(options.near / near))
     if side > 1:
         scene = replace(scene, mesh=detailed(scene.mesh, side))
