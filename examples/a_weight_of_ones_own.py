@@ -15,10 +15,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from mmi.building.dataset import BuildSummary, build_dataset
-from mmi.planning.parameters import BuildParameters
+from mmi import BuildParameters, BuildSummary, build_dataset, read_city
 from mmi.planning.weighing import FarField
-from mmi.reading.read_city import read_city
 
 __version__ = "1"
 

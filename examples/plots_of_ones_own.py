@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from mmi import BuildParameters, Layer, open_dataset, plan_cell, prepare_city, read_impostor, typical_cell
+from mmi import Layer, open_dataset, plan_cell, prepare_city, read_impostor, typical_cell
 from mmi.inspection.figures import layer_style, new_figure, save
 from mmi.inspection.maps import birds_eye
 
@@ -33,7 +33,7 @@ def main(folder: Path, map_file: Path, depths_file: Path) -> tuple[Figure, Figur
     city = dataset.city()
     impostor = read_impostor(dataset, typical_cell(dataset), city)
     # A dataset holds no graph of visibility events: the cell is planned again.
-    prepared = prepare_city(city, BuildParameters.from_dict(dataset.manifest["parameters"]))
+    prepared = prepare_city(city, dataset.manifest.parameters)
     birds = birds_eye(city, plan_cell(prepared, impostor.cell), reach=250.0)
     birds.axes[0].plot(*impostor.cell.reference[:2], "r+", markersize=14)  # a figure is yours to draw on
     depths = depths_of_layers(impostor.layers)
