@@ -10,11 +10,18 @@ import sys
 import pytest
 
 from mmi.dataset.reading import open_dataset
+from viewer.programs import compare_impostors as program
 from viewer.programs.compare_impostors import _TECHNIQUES, compare_impostors
 from viewer.techniques.catalogue import TECHNIQUES
 from viewer.walks.walk import Keyframe, Pose, Walk, write_walk
 
 QUICK = ["--techniques", "local,multi-mesh", "--no-flip", "--worst", "1"]
+
+
+@pytest.fixture
+def one_process(monkeypatch):
+    """Views are scored in this process: to start others takes longer than to score a few views."""
+    monkeypatch.setattr(program, "usable_cores", lambda: 1)
 
 
 def run(capsys, *arguments):
@@ -34,6 +41,7 @@ def test_views_are_compared_and_a_table_is_printed(capsys, dataset, tmp_path):
     assert json.loads((tmp_path / "r" / "report.json").read_text())["views"] == 2
 
 
+@pytest.mark.usefixtures("one_process")
 def test_json_is_all_there_is_on_standard_output(capsys, dataset, tmp_path):
     status, out, _ = run(capsys, dataset.path, "-o", tmp_path, "--views", 1, "--json", *QUICK)
     assert status == 0
@@ -62,6 +70,7 @@ def test_the_techniques_of_the_help_are_those_of_the_package():
     assert _TECHNIQUES.split(",") == list(TECHNIQUES)
 
 
+@pytest.mark.usefixtures("one_process")
 def test_a_tour_is_saved_and_walked_again(capsys, dataset, tmp_path):
     walk = tmp_path / "walk.json"
     walks = ["--fps", 2, "--scored", 2, "--json", *QUICK]
@@ -150,6 +159,7 @@ def test_damaged_files_get_one_line_and_no_picture(capsys, tmp_path, dataset, na
     assert not (tmp_path / "r" / "report.html").exists()
 
 
+@pytest.mark.usefixtures("one_process")
 def test_a_walk_that_leaves_the_city_is_walked_all_the_same(capsys, dataset, tmp_path):
     """Off the streets, the nearest cell is drawn."""
     away = Walk("away", (Keyframe(0.0, Pose((0, 10, 1.7), 0.0, 0.0)), Keyframe(9.0, Pose((900, 500, 90), 1.0, -0.3))))
