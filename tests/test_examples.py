@@ -17,9 +17,9 @@ from mmi.dataset.reading import open_dataset
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
 
-def load(name):
+def load(name, folder=EXAMPLES):
     """An example as a module."""
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    spec = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -35,16 +35,16 @@ def built(tmp_path_factory):
 def test_a_city_file_becomes_a_dataset(built):
     out, summary = built
     assert summary.built == 1
-    parameters = open_dataset(out).manifest["parameters"]
-    assert (parameters["max_error_px"], parameters["camera"]["width"]) == (5.0, 1280)
+    parameters = open_dataset(out).manifest.parameters
+    assert (parameters.max_error_px, parameters.camera.width) == (5.0, 1280)
 
 
 def test_layers_are_listed_and_one_is_a_picture(built, capsys, tmp_path):
     load("look_at_layers").main(built[0], tmp_path / "layer.png")
-    cell = open_dataset(built[0]).manifest["cells"][0]
+    cell = open_dataset(built[0]).manifest.cells[0]
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith(f"cell {cell['id']}: {len(cell['near'])} objects stay geometry, {len(cell['far'])} are")
-    assert len(lines) == 2 + sum(len(sector) for sector in cell["layers"])
+    assert lines[0].startswith(f"cell {cell.id}: {len(cell.near)} objects stay geometry, {len(cell.far)} are")
+    assert len(lines) == 2 + len(cell.pictures)
     with Image.open(tmp_path / "layer.png") as picture:
         colors = np.asarray(picture)
     assert colors.shape[2] == 4
@@ -71,12 +71,11 @@ def test_a_walk_of_ones_own_is_drawn(built, capsys, tmp_path):
 
 def test_plots_of_ones_own_are_written(built, tmp_path):
     drawn, depths = load("plots_of_ones_own").main(built[0], tmp_path / "map.svg", tmp_path / "depths.pdf")
-    assert (tmp_path / "map.svg").read_text().startswith("<?xml") and (tmp_path / "depths.pdf").read_bytes()[
-        :4
-    ] == b"%PDF"
-    cell = open_dataset(built[0]).manifest["cells"][0]
-    assert f"near, stays geometry ({len(cell['near'])})" in {text.get_text() for text in drawn.legends[0].get_texts()}
-    layers = {layer["index"] for sector in cell["layers"] for layer in sector}
+    assert (tmp_path / "map.svg").read_text().startswith("<?xml")
+    assert (tmp_path / "depths.pdf").read_bytes().startswith(b"%PDF")
+    cell = open_dataset(built[0]).manifest.cells[0]
+    assert f"near, stays geometry ({len(cell.near)})" in {text.get_text() for text in drawn.legends[0].get_texts()}
+    layers = {layer.index for _, layer in cell.pictures}
     assert {text.get_text() for text in depths.axes[0].get_yticklabels()} == {f"layer {i}" for i in layers}
     assert all(bar.get_width() > 0.0 for bar in depths.axes[0].patches)
 
@@ -132,7 +131,7 @@ def test_there_are_examples():
 
 def test_the_first_stages_become_pictures(capsys, tmp_path):
     pictures = tmp_path / "cells.png", tmp_path / "visibility.png"
-    load("stages_in_pictures").main(HELSINKI, *pictures)
+    load("stages", EXAMPLES.parent / "docs" / "pictures").main(HELSINKI, *pictures)
     found = re.match(r"(\d+) cells; from 0355-00 in Fabianinkatu, (\d+) of (\d+) objects", capsys.readouterr().out)
     cells, seen, objects = map(int, found.groups())
     assert cells > 1000

@@ -7,7 +7,7 @@ A page asks for a piece with a comment on a line of its own:
     <!-- packages mmi -->                                 the packages, each with the first sentence of its docstring
     <!-- names mmi -->                                    the public names, likewise
     <!-- file CHANGELOG.md -->                            another Markdown file of the project, without its title
-    <!-- example examples/the_bound.py -->                a Python file, in a block
+    <!-- example examples/build_from_python.py -->        a Python file, in a block
 
 A page of the API is made for every package. Roles in docstrings (``:func:`plan_cell```) become links.
 """

@@ -1,6 +1,6 @@
 """Pictures of the first two stages, which ``inspect-layers`` does not plot: viewing cells, and what one of them can see.
 
-python examples/stages_in_pictures.py examples/helsinki/helsinki.osm.pbf cells.png visibility.png
+python docs/pictures/stages.py examples/helsinki/helsinki.osm.pbf cells.png visibility.png
 """
 
 import sys

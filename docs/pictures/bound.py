@@ -1,6 +1,6 @@
 """The figures of docs/bound.md: what a capture misses, how wide a strip of it can open, and strips side by side.
 
-python examples/the_bound.py bound.png strips.png
+python docs/pictures/bound.py bound.png strips.png
 """
 
 import sys
