@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -48,6 +49,25 @@ class CapturedLayer:
     depth: NDArray[np.float32]
 
 
+class _Texels(NamedTuple):
+    """A picture: ``depth`` (h, w) metres, and of its texels the ``column`` (w,) and ``row`` (h, w) of the bin they fall into.
+
+    ``stretch`` (w,) is horizontal distance over depth.
+    """
+
+    depth: NDArray[np.float32]
+    column: NDArray[np.int64]
+    stretch: NDArray[np.float64]
+    row: NDArray[np.int64]
+
+
+class _Ranges(NamedTuple):
+    """The horizontal distances of what falls into each bin, from ``near`` to ``far`` (..., rows, columns), metres."""
+
+    near: NDArray[np.float32]
+    far: NDArray[np.float32]
+
+
 def out_of_order(
     pictures: Sequence[CapturedLayer],
     *,
@@ -73,20 +93,19 @@ def out_of_order(
     near = np.full((len(names) + 2, rows, count), np.inf, dtype=np.float32)
     far = np.zeros((len(names) + 2, rows, count), dtype=np.float32)
     if solids is not None:
-        _cover_with(solids, low, step, near[-2], far[-2])
+        _cover_with(solids, low, step, _Ranges(near[-2], far[-2]))
     if terrain is not None:
         reach = max(float(one.depth.max(initial=0.0, where=np.isfinite(one.depth))) for one in pictures)
         heights, apart = _heights_around(terrain, pictures[0].view.eye, count, 2.0 * reach)
-        _cover_with_ground(heights, apart, low, step, near[-1], far[-1])
+        _cover_with_ground(heights, apart, low, step, _Ranges(near[-1], far[-1]))
     bins = [
         ((azimuth / step).astype(np.int64) % count, stretch, ((slope - low) / step).astype(np.int64))
         for azimuth, stretch, slope in rays
     ]
     for one, where in zip(pictures, bins, strict=True):
         k = names.index(one.layer)
-        _cover(one.depth, *where, near[k], far[k])
-    near = _least_around(near, _AROUND)
-    far = -_least_around(-far, _AROUND)
+        _cover(_Texels(one.depth, *where), _Ranges(near[k], far[k]))
+    ranges = _Ranges(_least_around(near, _AROUND), -_least_around(-far, _AROUND))
     found = []
     for one, where in zip(pictures, bins, strict=True):
         corners = one.mesh.uv.astype(np.float64) * one.depth.shape[::-1]
@@ -94,7 +113,7 @@ def out_of_order(
         below = one.view.pixel_centres()[1] > 0.0
         bend = np.where(below, (eye_height if terrain is None else 0.0) * one.view.focal / _GROUND_PX, 0.0)
         own = names.index(one.layer)
-        found.append(_harmed(corners, nearness, one.mesh.triangles, one.depth, *where, bend, own, near, far))
+        found.append(_harmed(corners, nearness, one.mesh.triangles, _Texels(one.depth, *where), bend, own, ranges))
     return found
 
 
@@ -108,15 +127,10 @@ def _rays(view: View) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray
 
 
 @njit(cache=True)
-def _cover(
-    depth: NDArray[np.float32],
-    column: NDArray[np.int64],
-    stretch: NDArray[np.float64],
-    row: NDArray[np.int64],
-    near: NDArray[np.float32],
-    far: NDArray[np.float32],
-) -> None:
+def _cover(texels: _Texels, ranges: _Ranges) -> None:
     """Widen each bin's range, ``near`` to ``far`` (rows, columns), by the distances of a picture's texels in it."""
+    depth, column, stretch, row = texels
+    near, far = ranges
     for i in range(depth.shape[0]):
         for j in range(depth.shape[1]):
             if np.isfinite(depth[i, j]):
@@ -127,10 +141,9 @@ def _cover(
 
 
 @njit(cache=True)
-def _cover_with(
-    solids: NDArray[np.float64], low: float, step: float, near: NDArray[np.float32], far: NDArray[np.float32]
-) -> None:
+def _cover_with(solids: NDArray[np.float64], low: float, step: float, ranges: _Ranges) -> None:
     """The same for triangles: each widens all bins that its ranges of azimuth and slope touch by its range of distances."""
+    near, far = ranges
     rows, columns = near.shape
     for t in range(len(solids)):
         least, most = np.inf, 0.0
@@ -175,10 +188,10 @@ def _cover_with_ground(
     apart: float,
     low: float,
     step: float,
-    near: NDArray[np.float32],
-    far: NDArray[np.float32],
+    ranges: _Ranges,
 ) -> None:
     """The same for the ground, whose ``heights`` (columns, n) above the eye are given every ``apart`` metres."""
+    near, far = ranges
     for c in range(heights.shape[0]):
         for k in range(heights.shape[1]):
             here = heights[c, k] / (apart * (k + 1))
@@ -213,19 +226,17 @@ def _harmed(
     corners: NDArray[np.float64],
     nearness: NDArray[np.float64],
     triangles: NDArray[np.int32],
-    depth: NDArray[np.float32],
-    column: NDArray[np.int64],
-    stretch: NDArray[np.float64],
-    row: NDArray[np.int64],
+    texels: _Texels,
     bend: NDArray[np.float64],
     own: int,
-    near: NDArray[np.float32],
-    far: NDArray[np.float32],
+    ranges: _Ranges,
 ) -> NDArray[np.bool_]:
     """(m,) whether something lies between a triangle and a texel that it shows; ``corners`` (n, 2) in texels.
 
     ``bend`` (h,): differences of 1/z times this, above 1, let the ground come between.
     """
+    depth, column, stretch, row = texels
+    near, far = ranges
     height, width = depth.shape
     harmed = np.zeros(len(triangles), dtype=np.bool_)
     for t in range(len(triangles)):

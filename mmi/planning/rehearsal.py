@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -40,7 +41,38 @@ _WORTH_KNOWING = 0.75
 _OTHER, _OPEN, _MISSED = 0, 1, 2
 """Of a pixel of a wall: hidden from M or captured, not yet known, missed."""
 
-_Panorama = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]
+
+class _Panorama(NamedTuple):
+    """What rays meet, nearest first: column c has entries ``starts[c]`` to ``starts[c + 1]`` of ``distances`` (m,), metres, and
+    ``walls`` (m,).
+    """
+
+    starts: NDArray[np.int64]
+    distances: NDArray[np.float64]
+    walls: NDArray[np.int64]
+
+
+class _Walls(NamedTuple):
+    """``bottom``, ``top`` (n,) metres above the eye; ``owner`` (n,), the object it belongs to; whether a wall ``faces`` (n,)
+    the reference viewpoint with its outside.
+    """
+
+    bottom: NDArray[np.float64]
+    top: NDArray[np.float64]
+    owner: NDArray[np.int64]
+    faces: NDArray[np.bool_]
+
+
+class _Picture(NamedTuple):
+    """Which object is ``missed`` (columns, rows), -1 for none; only rows within ``spans`` (columns, 2) count.
+
+    Row ``down`` begins at eye level; each is a slope of ``row``.
+    """
+
+    missed: NDArray[np.int32]
+    spans: NDArray[np.int64]
+    down: int
+    row: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,22 +146,8 @@ def rehearse(
             buffer = np.empty(columns * (up + down), dtype=np.int32)
         missed = buffer[: columns * (up + down)].reshape(columns, up + down)
         while True:
-            _look(
-                bottom,
-                top,
-                owner,
-                layer,
-                faces,
-                sought,
-                met,
-                viewpoint,
-                captured,
-                rays,
-                down,
-                pixel[1],
-                missed,
-                spans,
-            )
+            picture = _Picture(missed, spans, down, pixel[1])
+            _look(_Walls(bottom, top, owner, faces), layer, sought, met, viewpoint, captured, rays, picture)
             thick, inside = _thickest(missed, spans, thickest)
             if thick <= limit:
                 break
@@ -298,7 +316,7 @@ def _panorama(
                 distances[i], walls[i] = distances[i - 1], walls[i - 1]
                 i -= 1
             distances[i], walls[i] = distance, wall
-    return starts, distances, walls
+    return _Panorama(starts, distances, walls)
 
 
 @njit(cache=True, error_model="numpy")
@@ -309,26 +327,22 @@ def _row(height: float, down: int) -> int:
 
 @njit(cache=True, error_model="numpy")
 def _look(
-    bottom: NDArray[np.float64],
-    top: NDArray[np.float64],
-    owner: NDArray[np.int64],
+    known: _Walls,
     layer: NDArray[np.int64],
-    faces: NDArray[np.bool_],
     sought: NDArray[np.bool_],
     met: _Panorama,
     viewpoint: NDArray[np.float64],
     captured: _Panorama,
     rays: NDArray[np.float64],
-    down: int,
-    row: float,
-    missed: NDArray[np.int32],
-    spans: NDArray[np.int64],
+    picture: _Picture,
 ) -> None:
-    """Into ``missed`` (columns, rows) which object is missed there, -1 for none; only rows within ``spans`` (columns, 2) count.
+    """Draws the picture of what is missed.
 
-    What is ``sought`` are walls, as long as they are in a layer; ``faces`` says which of all show the reference their outside.
-    Row ``down`` begins at eye level; each is a slope of ``row``. The viewpoint is at ``viewpoint`` (2,) from the reference.
+    What is ``sought`` (n,) are walls, as long as their objects are in a ``layer``. ``viewpoint`` (2,) is where it is, metres
+    from the reference, and ``met`` those walls that its rays meet; ``captured`` are those that rays from the reference meet.
     """
+    bottom, top, owner, faces = known
+    missed, spans, down, row = picture
     columns, rows = missed.shape
     starts, distances, walls = met
     captured_starts, captured_distances, captured_walls = captured
