@@ -1,6 +1,6 @@
 """How far two objects can move against each other in the picture while the viewer stays in a cell (paper section 4.1).
 
-The paper's weight is the change of the angle AMB over the cell (see mmi.parallax.viewing_angle) for a point A of one object
+The paper's weight is the change of the angle AMB over the cell (eqs. (3)-(5)) for a point A of one object
 and B of the other. Here it is bounded over all pairs of their points. The signed change between two viewpoints M and M' is
 g(B) - g(A), where g(X) is the angle under which X sees M and M'. So the largest change is the largest over M, M' of (max of
 g over one object) - (min of g over the other): no loop over pairs of points. g is harmonic in X, so the outlines are all

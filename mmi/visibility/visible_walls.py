@@ -21,9 +21,9 @@ from mmi.visibility.horizon_sweep import BINS
 from mmi.visibility.selection import WallVisibility
 from mmi.visibility.walls import Walls
 
-__all__ = ["VIEWPOINTS", "VisibleWalls", "around", "seen_from", "visible_walls"]
+__all__ = ["VisibleWalls", "around", "seen_from", "visible_walls"]
 
-VIEWPOINTS = 64
+_VIEWPOINTS = 64
 """Around a cell, at least."""
 
 
@@ -102,9 +102,9 @@ def around(corners: NDArray[np.float64], count: int) -> NDArray[np.float64]:
 def seen_from(bits: NDArray[np.uint64], bins: int) -> NDArray[np.bool_]:
     """(w, p): from which viewpoints :func:`around` the cell walls may be seen, by their ``bits`` (w,): as many for each bin.
 
-    A viewpoint where a bin begins counts for the one that ends there, too. p is at least ``VIEWPOINTS``.
+    A viewpoint where a bin begins counts for the one that ends there, too. p is at least ``_VIEWPOINTS``.
     """
-    each = max(2, math.ceil(VIEWPOINTS / bins))
+    each = max(2, math.ceil(_VIEWPOINTS / bins))
     seen = (bits[:, None] >> np.arange(bins, dtype=np.uint64) & np.uint64(1)).astype(np.bool_)
     if bins == BINS:  # of more viewpoints than bins, some share a bin with the next
         seen = seen | np.roll(seen, 1, axis=1) | np.roll(seen, -1, axis=1)

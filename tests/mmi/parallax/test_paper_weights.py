@@ -10,12 +10,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shapely import affinity
 from shapely.geometry import MultiPolygon, Point, Polygon, box
+from viewing_angle import point_pair_weights
 
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.city.model import CityObject, Prism
 from mmi.parallax.critical_zone import cell_region
 from mmi.parallax.paper_weights import critical_zone_weights, pair_weights
-from mmi.parallax.viewing_angle import point_pair_weights
 
 CELL = ViewingCell("c", (-15.0, -5.0), (20.0, 10.0), 3.0, (1.5, 1.9))
 COURT = box(-60, -60, 60, 60).difference(box(-45, -45, 45, 45))

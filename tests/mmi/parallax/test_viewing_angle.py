@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
+from viewing_angle import extremal_angles, point_pair_weights
 
 from mmi.cells.viewing_cells import ViewingCell
-from mmi.parallax.viewing_angle import extremal_angles, point_pair_weights
 
 lattice = st.integers(-6, 6).map(float)  # hits every special case: parallel, on the line, at an end, A = B
 real = st.floats(-30.0, 30.0, allow_nan=False)
