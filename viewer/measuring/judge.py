@@ -159,6 +159,8 @@ class Judge:
             yield
         except BrokenProcessPool as error:
             # When one ends the others are told to (SIGTERM): the one to blame is another one, if there is any.
+            for process in self._processes:
+                process.join(timeout=1.0)
             ended = [process for process in self._processes if process.exitcode not in (None, 0)]
             ended.sort(key=lambda process: process.exitcode == -signal.SIGTERM)
             how = f" ({how_it_ended(ended[0])})" if ended else ""
