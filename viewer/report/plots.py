@@ -98,10 +98,11 @@ def errors_along_walk(scored: Scored, *, promise_px: float | None) -> Figure:
         above.axhline(promise_px, color=INK, linestyle="--", linewidth=0.9)
         above.annotate(
             "promise",
-            (0.0, promise_px),
+            (1.0, promise_px),
+            (3, 0),
             xycoords=("axes fraction", "data"),
-            xytext=(3, 2),
             textcoords="offset points",
+            va="center",
             fontsize=SMALL,
         )
     _from_zero(above, "y", max(promise_px or 0.0, _most(scored, "wrong_thickness_px")), 1.0)
@@ -134,7 +135,15 @@ def distributions(scored: Scored, *, promise_px: float | None) -> Figure:
             )
     if promise_px is not None:
         left.axvline(promise_px, color=INK, linestyle="--", linewidth=0.9)
-        left.annotate("promise ", (promise_px, 2.0), ha="right", fontsize=SMALL)
+        left.annotate(
+            "promise",
+            (promise_px, 1.0),
+            (0, 2),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            ha="center",
+            fontsize=SMALL,
+        )
     left.set_ylim(0.0, 103.0)
     _finish(left, "views (%) with at most")
     _finish(right, "")

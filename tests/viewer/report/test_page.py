@@ -455,7 +455,17 @@ def test_diagrams_of_datasets_that_promise_nothing_mark_no_promise():
         for promise, marks in ((7.0, 1), (None, 0)):
             axes = plot(scored, promise_px=promise).axes[0]
             assert sum(line.get_linestyle() == "--" for line in axes.lines) == marks
-            assert sum("promise" in text.get_text() for text in axes.texts) == marks
+            assert [text.get_text() for text in axes.texts] == ["promise"] * marks
+
+
+def test_the_word_promise_covers_no_line_and_is_not_cut():
+    scored = report_of(True)["scored"]
+    for plot in (errors_along_walk, distributions):
+        figure = plot(scored, promise_px=12.0)
+        figure.canvas.draw()
+        word = figure.axes[0].texts[0].get_window_extent()
+        assert not any(word.overlaps(axes.get_window_extent()) for axes in figure.axes)
+        assert figure.bbox.x0 <= word.x0 and word.x1 <= figure.bbox.x1 and word.y1 <= figure.bbox.y1
 
 
 def test_distributions_count_the_views_that_have_no_more():
