@@ -13,13 +13,13 @@ __all__ = ["covered_pieces", "covered_windows"]
 
 _PIECE = 4096  # texels: a picture of its own costs about as much as so many empty texels
 _COLOR_REACH = 4
-"""Texels that colour is dilated beyond silhouettes."""
+"""Texels: colour is dilated this far beyond silhouettes."""
 
 
 def covered_pieces(texture: DepthTexture, *, quad: int, half_width: float) -> list[DepthTexture]:
     """What shows something, cropped to whole quads and colour dilated.
 
-    Not what shows nothing within ``half_width`` (tangent) of the middle: where the next sector overlaps, that is its.
+    What shows nothing within ``half_width`` (tangent) of the middle is left out: where the next sector overlaps, that is its.
     """
     left, top, _, _ = texture.view.window
     pieces = []

@@ -101,7 +101,7 @@ class Capturer:
     def captures(
         self, objects: NDArray[np.int64], views: Sequence[View], *, supersample: int = 1
     ) -> Generator[DepthTexture, None, None]:
-        """The same one by one, each drawn when it is asked for, so that no more than one is in memory."""
+        """The pictures of :meth:`depth_textures` one by one, each drawn when it is asked for: one is in memory at a time."""
         if supersample < 1 or supersample % 2 == 0:
             raise CaptureError(f"supersampling needs an odd number of subsamples a side, found {supersample}")
         objects = np.asarray(objects, dtype=np.int64)
@@ -245,7 +245,7 @@ class _WindowCamera(pyrender.Camera):
 
 
 class _SharperTexture(pyrender.Texture):
-    """Trilinear filtering from a finer mipmap.
+    """Filters trilinearly, from a finer mipmap.
 
     Anisotropic filtering would do better, but in software (Mesa 22) a wall seen edge-on takes it minutes.
     """

@@ -20,13 +20,13 @@ from mmi.foundation.ray_chords import Intrinsics, chord, intrinsics_of
 __all__ = ["touching", "with_rims"]
 
 _TOUCH = 0.05
-"""Metres between footprints of objects that touch, at most."""
+"""Metres: objects touch whose footprints are at most this far apart."""
 _ONE_EDGE = 0.01
-"""Relative difference of depths, halfway between two texels, of surfaces that meet there, at most."""
+"""Two surfaces meet halfway between two texels where their depths there differ by at most this share."""
 _EVEN = 1e-3
-"""Relative difference of depths that is none."""
+"""Depths that differ by at most this share are equal."""
 _STEEPEST = 0.05
-"""Relative difference of depths between neighbouring texels of one surface, at most."""
+"""The depths of neighbouring texels of one surface differ by at most this share."""
 
 
 def touching(city: City, objects: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -19,11 +19,11 @@ from mmi.visibility.walls import Walls
 __all__ = ["without_unseen"]
 
 _ON_WALL = 0.05
-"""Metres that a captured point may lie off its wall, and a thousandth of its distance more: depth is no better than that."""
+"""Metres that a captured point may lie off its wall; a thousandth of its distance is added, since depths are no more exact."""
 _SAME = 1e-5
-"""Relative difference of distances below which a point is on the wall of the one above it."""
+"""A point is on the same wall as the one above it where their distances differ by less than this share."""
 _ABOVE = 1.0
-"""Metres above the reference viewpoint that an eye band does not reach: roofs up there are out of wall_visibility."""
+"""Metres: nobody in the cell has eyes this far above the reference viewpoint, so roofs that are higher cannot be seen."""
 
 
 def without_unseen(texture: DepthTexture, walls: Walls, wall_visibility: WallVisibility) -> DepthTexture:

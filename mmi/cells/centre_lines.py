@@ -31,11 +31,11 @@ __all__ = [
 ]
 
 CHORD_TOLERANCE = 0.5
-"""Metres that a street may leave the chord which replaces it."""
+"""Metres: a street is nowhere farther than this from the chord that replaces it."""
 MERGE_TOLERANCE = 1.0
-"""The same where it spares a piece shorter than ``SHORT_PIECE``."""
+"""Metres: it may be this far from it where that avoids a piece shorter than ``SHORT_PIECE``."""
 SHORT_PIECE = 5.0
-"""Metres below which a piece is merged with its neighbour in the street if it can be."""
+"""Metres: a shorter piece is merged with its neighbour in the street, if that is possible."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

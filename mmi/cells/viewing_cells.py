@@ -49,11 +49,11 @@ CLEARANCE = 0.05
 STEEPEST = 2.0
 """Metres that the ground may rise along a cell, unless that leaves it shorter than ``SHORT_PIECE``."""
 _NARROWEST = 0.2
-"""Metres of half width that a cell needs: where buildings leave less, the street is cut."""
+"""Metres: a cell is at least this wide on either side of its axis. Where buildings leave less, the street is cut."""
 _REMNANT = 0.5
-"""Metres below which what a cut leaves of a piece is given up."""
+"""Metres: what a cut leaves of a piece is given up where it is shorter."""
 _PULLED_BACK = 1.0
-"""Metres by which a cut may move an end that still counts as meeting the neighbours there."""
+"""Metres: an end that a cut moves by no more than this still meets its neighbours."""
 
 
 @dataclass(frozen=True, slots=True)

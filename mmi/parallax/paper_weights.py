@@ -30,9 +30,10 @@ __all__ = ["critical_zone_weights", "pair_weights"]
 _TOUCHING = 1e-6
 """Metres: an object this close to the cell's region counts as meeting it."""
 _TOLERANCE = 1e-3
-"""Radians that sampling may add to the bound of an object as far away as the cell is large; see _spacing."""
+"""Radians: sampling may add this much to the bound of an object that is as far away as the cell is large (see _spacing)."""
 _MOST_SAMPLES = 64
-"""Cap on the samples of the cell's boundary, and on the pieces of an outline's edge. Affects tightness, not safety."""
+"""The cell's boundary has at most so many samples, and an edge of an outline as many pieces. Fewer make the bound less tight,
+never unsafe."""
 
 
 def critical_zone_weights(

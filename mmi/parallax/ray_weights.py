@@ -36,7 +36,7 @@ from mmi.visibility.walls import Walls
 __all__ = ["same_ray_weights"]
 
 _APART = 1e-6
-"""Relative difference of distances below which two hits of a ray are one."""
+"""Two hits of a ray are one where their distances differ by less than this share."""
 
 
 def same_ray_weights(

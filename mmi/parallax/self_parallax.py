@@ -38,13 +38,15 @@ _ASIDE = 1e-7
 _TOUCHING = 1e-6
 """Metres: an object this close to the cell's region counts as meeting it."""
 _APART = 1e-6
-"""Relative difference of distances below which two hits of a ray are one."""
+"""Two hits of a ray are one where their distances differ by less than this share."""
 _ROW = 40.0
-"""Metres of a row of houses that the reference may see edge-on."""
+"""Metres: a row of houses that the reference may see edge-on is at most this long."""
 _WITHIN = (0.25, 0.5, 0.75)
 """Where along a wall rays pass through it, besides its ends."""
 _WALLS_A_BIN = 8
+"""An object has a bin of azimuth for so many of its walls."""
 _MOST_BINS = 1024
+"""An object has at most so many bins."""
 _ROUNDING = 1e-9
 """Radians: azimuths are off by far less."""
 

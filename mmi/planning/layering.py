@@ -46,9 +46,9 @@ __all__ = [
 ]
 
 _TRIED = ("incremental", "largest-first", "smallest-last", "dsatur")
-"""What "best" tries; benchmarks/layers.py compares them with an exact colouring."""
+"""The colourings that "best" tries; benchmarks/layers.py compares them with an exact colouring."""
 _CLOSEST = 1e-3
-"""Metres: slopes are measured as if nothing were closer to the eye."""
+"""Metres: slopes are measured as if nothing were closer to the eye than this."""
 
 Layers = list[NDArray[np.int64]]
 

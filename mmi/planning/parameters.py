@@ -50,17 +50,17 @@ class BuildParameters:
     landmarks: tuple[tuple[str, float], ...] = ()
     """(object id, factor): weights of this object's pairs are multiplied by the factor (paper section 4.2)."""
     max_layers: int | None = None
-    """Budgets of a cell (:mod:`mmi.building.halving`): a cell that exceeds one is cut in halves."""
+    """A budget: layers. A cell that exceeds a budget is cut in halves (:mod:`mmi.building.halving`)."""
     max_triangles: int | None = None
-    """Of near objects and layers together."""
+    """A budget: triangles of near objects and layers together."""
     max_bytes: int | None = None
-    """Of its two files."""
+    """A budget: bytes of a cell's two files."""
     sectors: int = 6
     quad: int = 16
     """Texels: pictures of layers are cut to whole squares of this side."""
     supersample: int = 1
     texture_quality: int = 75
-    """Of the stored pictures of layers, as WebP counts it; 100 is lossless. Coverage always is."""
+    """Quality of the stored pictures of layers, as WebP counts it; 100 is lossless. Coverage always is."""
     cell_length: float = 40.0
     eye: tuple[float, float] = (1.5, 1.9)
     near_stage: _OwnOr | None = None

@@ -31,15 +31,15 @@ from mmi.visibility.walls import Walls
 __all__ = ["Rehearsal", "rehearse"]
 
 _STEEPEST = 10.0
-"""Slope, up and down: what lies beyond is not looked at."""
+"""What is steeper than this slope, up or down, is not looked at."""
 _WRAP = 64
-"""Columns that are looked at twice, so that a region across the seam of the panorama is found whole."""
+"""So many columns are looked at twice, so that a region across the seam of the panorama is found whole."""
 _CLOSEST = 1e-3
 """Metres: nothing counts as closer to a viewpoint."""
 _WORTH_KNOWING = 0.75
-"""Of the limit: regions that are less thick are not measured."""
+"""Regions that are less thick than this share of the limit are not measured."""
 _OTHER, _OPEN, _MISSED = 0, 1, 2
-"""Of a pixel of a wall: hidden from M or captured, not yet known, missed."""
+"""States of a pixel of a wall: hidden from M or captured; not yet known; missed."""
 
 
 class _Panorama(NamedTuple):
@@ -79,7 +79,7 @@ class _Picture(NamedTuple):
 class Rehearsal:
     """``demoted`` (k,): far objects that have to stay geometry, sorted.
 
-    ``thickness``: of what is missed then, at most, in pixels.
+    ``thickness``: no region that is missed then is thicker; pixels.
     """
 
     demoted: NDArray[np.int64]

@@ -46,10 +46,11 @@ _TOLERANCE = 0.05
 
 
 _SLOPING_GAP = 0.5
-"""Metres: the same for a base on a slope, which models and their ground seldom agree on to the centimetre."""
+"""Metres that a prism's base on a slope may be above the ground and still stand on it: models and their ground seldom agree to
+the centimetre."""
 
 _CANDIDATES = 512
-"""Heights among which levels are chosen; time and memory grow with the square."""
+"""Levels are chosen among at most so many heights; time and memory grow with the square of this number."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,9 +132,9 @@ def _standing(city: City, footprints: NDArray[np.object_], bottoms: NDArray[np.f
 
 
 def _covered(rings: Rings, solids: Rings) -> NDArray[np.float64]:
-    """(e,) for each edge of ``rings``, the height of the solid that has the same edge the other way round.
+    """(e,) for each edge of ``rings``, the height of the solid that has the same edge the other way round; -inf where none has.
 
-    To the centimetre; -inf where none has. What touches with a part of a longer edge is not looked at.
+    Edges are the same where they agree to the centimetre. What touches with a part of a longer edge is not looked at.
     """
     xy = np.rint(100.0 * np.concatenate([rings.xy, solids.xy])).astype(np.int64)
     _, names = np.unique(xy, axis=0, return_inverse=True)
@@ -233,7 +234,7 @@ def _polygons(shapes: NDArray[np.object_]) -> tuple[NDArray[np.object_], NDArray
 def horizon_visible(scene: PreparedHorizon, cell: ViewingCell) -> tuple[NDArray[np.int64], WallVisibility]:
     """Sorted indices into ``city.objects`` of all that may be seen from somewhere in ``cell`` (and maybe some more).
 
-    And how low and from where its walls may be seen, which loses nothing either.
+    Also returns how low and from where their walls may be seen, which is conservative as well.
     """
     region = Polygon(cell.corners)
     seen = np.zeros(len(scene.city.objects), dtype=bool)
@@ -283,7 +284,7 @@ def horizon_extractor(scene: PreparedHorizon) -> Extractor:
 
     def extract(selection: Selection) -> Selection:
         if selection.city is not scene.city:
-            raise ValueError(f"scene of {scene.city.source} used for a selection of {selection.city.source}")
+            raise ValueError(f"horizon of {scene.city.source} used for a selection of {selection.city.source}")
         visible, wall_visibility = horizon_visible(scene, selection.cell)
         return replace(narrowed(selection, visible), wall_visibility=wall_visibility)
 

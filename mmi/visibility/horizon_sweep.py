@@ -35,10 +35,11 @@ BINS = 64
 """Bins of viewpoints, at most: an edge has a bit for each, which says whether it is seen from there."""
 
 _STAIRS = 48
-"""Most steps of a column's staircase. A step that finds it full is left out: less is hidden, nothing is lost."""
+"""A column's staircase has at most so many steps. A step that finds it full is left out: less is hidden, nothing is lost."""
 
 _RADIAL = 1e-6
-"""Columns. Edges that turn less are too radial for a stable crossing; they count with their farther end."""
+"""Edges that turn by less than this share of a column point at the viewpoint: where they cross a boundary is not stable, so
+they count with their farther end."""
 
 
 class Rings(NamedTuple):

@@ -24,7 +24,7 @@ from mmi.visibility.walls import Walls
 __all__ = ["VisibleWalls", "around", "seen_from", "visible_walls"]
 
 _VIEWPOINTS = 64
-"""Around a cell, at least."""
+"""There are at least so many viewpoints around a cell."""
 
 
 class VisibleWalls(NamedTuple):
