@@ -161,6 +161,12 @@ def test_modules_that_pages_name_exist(name):
     assert unknown_names(text_of(name)) == []
 
 
+def test_every_dependency_is_explained():
+    table = text_of("docs/contributing.md").split("## What each dependency is for", 1)[1].lower()
+    names = (re.split(r"[<>=\[;]", one)[0].lower() for one in PROJECT["dependencies"])
+    assert [name for name in names if {"av": "pyav"}.get(name, name) not in re.split(r"[|,\s()]+", table)] == []
+
+
 def test_the_floors_are_those_that_hold():
     table = text_of("docs/contributing.md").split("| floor of `mmi`", 1)[1].split("\n\n", 1)[0].splitlines()[2:]
     told = [" ".join(re.findall(r"`(\w+)`", row.split("|")[2])) for row in table]
