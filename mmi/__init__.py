@@ -25,9 +25,13 @@ if TYPE_CHECKING:
     from mmi.dataset.reading import Dataset, open_dataset
     from mmi.foundation.camera import Camera, View, level_view
     from mmi.foundation.errors import CaptureError, CityError, DatasetError, MmiError, ParameterError
+    from mmi.foundation.plug_ins import PlugIn, plug_in
+    from mmi.foundation.progress import Progress, ProgressLog
     from mmi.inspection.inspect import inspect_dataset, typical_cell
     from mmi.planning.parameters import BuildParameters
     from mmi.planning.plan import CellPlan, PreparedCity, plan_cell, prepare_city
+    from mmi.planning.segmentation import NearSettings
+    from mmi.planning.weighing import FarField
     from mmi.reading.read_city import CityReport, read_city
     from mmi.reading.read_options import ReadOptions
     from mmi.writing.cityjson_writer import write_cityjson
@@ -49,6 +53,7 @@ __all__ = [
     "Dataset",
     "DatasetError",
     "DepthTexture",
+    "FarField",
     "FileEntry",
     "GridMesh",
     "Impostor",
@@ -57,9 +62,13 @@ __all__ = [
     "LayerPicture",
     "Manifest",
     "MmiError",
+    "NearSettings",
     "ParameterError",
+    "PlugIn",
     "PreparedCity",
     "Prism",
+    "Progress",
+    "ProgressLog",
     "Promise",
     "ReadOptions",
     "Terrain",
@@ -73,6 +82,7 @@ __all__ = [
     "level_view",
     "open_dataset",
     "plan_cell",
+    "plug_in",
     "prepare_city",
     "read_city",
     "read_city_mesh",
@@ -87,6 +97,10 @@ __all__ = [
 
 _HOMES = MappingProxyType(
     {
+        "mmi.planning.segmentation": ("NearSettings",),
+        "mmi.planning.weighing": ("FarField",),
+        "mmi.foundation.progress": ("Progress", "ProgressLog"),
+        "mmi.foundation.plug_ins": ("PlugIn", "plug_in"),
         "mmi.building.dataset": ("BuildSummary", "CellChoice", "build_dataset", "choose_cells"),
         "mmi.capture.layer_values": ("DepthTexture", "GridMesh", "Impostor", "Layer", "LayerPicture", "Promise"),
         "mmi.cells.viewing_cells": ("ViewingCell", "viewing_cells"),

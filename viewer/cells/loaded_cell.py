@@ -1,7 +1,7 @@
 """A cell's layers in memory, ready for the GPU: pictures, meshes, and the depths that keep layers in order.
 
 A mesh lies off the captured surfaces where its quads span two of them: there it could win or lose against another layer, or
-the ground, that it should not. So triangles are divided in two: *plain* ones are drawn as they are, since between them and
+the ground, that it should not. So triangles are divided in two: those *in order* are drawn as they are, since between them and
 what was captured there is nothing; the others are drawn with the captured depth of each texel, the "limited depth
 information" that the paper stores with its textures (section 5.5). Which ones the dataset says (``mmi.meshing.ordering``). The
 z-buffer then composes the captured surfaces themselves, and not their approximations.
@@ -32,8 +32,8 @@ class LoadedLayer:
     ``pixels`` (h, w, 4) uint8 sRGB, alpha is coverage; ``depth`` (h, w) float32 eye-space metres in the capture, also one
     texel beyond the silhouette (filtering reaches that far), ``inf`` farther out; ``object_ids`` (h, w) int32 or None.
     ``vertices`` (n, 6) float32: world metres, and texture coordinates in the atlas times depth in the capture, and that
-    depth: linear in space, and so projective texturing. ``triangles`` (m, 3) int32, the first ``plain`` of which are drawn as
-    they are.
+    depth: linear in space, and so projective texturing. ``triangles`` (m, 3) int32, the first ``in_order`` of which are
+    drawn as they are.
     """
 
     name: str
@@ -43,7 +43,7 @@ class LoadedLayer:
     object_ids: NDArray[np.int32] | None
     vertices: NDArray[np.float32]
     triangles: NDArray[np.int32]
-    plain: int
+    in_order: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +103,7 @@ def load_cell(
                 object_ids=None if objects is None else bordered(objects[places]),
                 vertices=_vertices(picture, corner, size),
                 triangles=picture.mesh.triangles,
-                plain=picture.in_order,
+                in_order=picture.in_order,
             )
         )
         rest()

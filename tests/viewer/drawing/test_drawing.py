@@ -185,8 +185,8 @@ def test_layers_come_and_go(scene, place):
         chosen = [by_name[name] for name in place.layers[:3]]
         frame = other.draw(plan, view)
         assert frame.triangles == sum(len(layer.triangles) for layer in chosen)
-        assert frame.draws == any(layer.plain for layer in chosen) + any(
-            layer.plain < len(layer.triangles) for layer in chosen
+        assert frame.draws == any(layer.in_order for layer in chosen) + any(
+            layer.in_order < len(layer.triangles) for layer in chosen
         )
         other.evict(cell)
         other.evict(cell)
@@ -278,7 +278,7 @@ def test_captured_depth_decides_between_layers(scene, place, renderer):
     for layer in loaded.layers:
         positions, coordinates = layer.vertices[:, :3], layer.vertices[:, 3:]
         vertices = np.hstack([eye + 1.1 * (positions - eye), 1.1 * coordinates]).astype(np.float32)
-        while not renderer.upload_layer(pushed_cell, replace(layer, vertices=vertices, plain=0)):
+        while not renderer.upload_layer(pushed_cell, replace(layer, vertices=vertices, in_order=0)):
             pass
     pushed = Plan((Objects("near", place.near), CellLayers(key, place.layers), every_tile(scene), Sky()))
     frames = [renderer.draw(plan, view, measured=True) for plan in (layered(scene, place), pushed)]

@@ -231,4 +231,4 @@ class LayersDrawer:
         first = cell.first_vertex[layer.name]
         cell.vertices.write(layer.vertices.astype("<f4").tobytes(), offset=first * _VERTEX_BYTES)
         triangles = layer.triangles + np.int32(first)
-        cell.triangles[layer.name] = triangles[: layer.plain], triangles[layer.plain :]
+        cell.triangles[layer.name] = triangles[: layer.in_order], triangles[layer.in_order :]
