@@ -13,6 +13,10 @@ from PIL import Image
 
 from mmi.dataset.cell_files import read_impostor
 from mmi.dataset.reading import open_dataset
+from mmi.foundation.errors import DatasetError
+from mmi.inspection.inspect import inspect_dataset
+from viewer.report.compare import compare_views
+from viewer.report.options import CompareOptions
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
@@ -98,6 +102,16 @@ def test_a_weight_of_ones_own_is_used_by_workers_and_recorded(monkeypatch, tmp_p
     dataset = open_dataset(tmp_path / "own")
     assert dataset.manifest.parameters.weights == "a_weight_of_ones_own:apart@1"
     assert [cell.promised_error_px for cell in dataset.manifest.cells] == [None, None]
+    with pytest.raises(
+        DatasetError, match=r"manifest\.json: choices of this package expected, found a_weight_of_ones_own:apart@1"
+    ):
+        inspect_dataset(dataset, tmp_path / "plots")
+    assert not (tmp_path / "plots").exists()
+    assert len(inspect_dataset(dataset, tmp_path / "plots", own_functions=True)) > 2
+    with pytest.raises(DatasetError, match="single-mesh expects a dataset built with choices of this package"):
+        compare_views(
+            dataset.path, tmp_path / "comparison", views=1, options=CompareOptions(techniques=("single-mesh",))
+        )
     city = dataset.city()
     for cell in dataset.manifest.cells:
         impostor = read_impostor(dataset, cell.id, city)

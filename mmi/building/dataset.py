@@ -107,7 +107,8 @@ def build_dataset(
 
     The bytes depend on city and parameters alone (``build.json`` aside). Cells of earlier builds that are still current
     stay in the dataset, asked for or not. ``cells`` are ids, or what :func:`choose_cells` returned, which is not chosen again;
-    ``max_cells`` are spread over the city. ``progress`` is called with (cells done, cells to do, cell).
+    ``max_cells`` are spread over the city. ``progress`` is called with (cells done, cells to do, what was done last), first
+    before the city is prepared.
 
     Raises ParameterError, CaptureError, DatasetError.
     """
@@ -130,6 +131,8 @@ def build_dataset(
 
         done: list[Done] = []
         to_do = len(pending)
+        if progress is not None and pending:
+            progress(0, to_do, "the city")
         for one in run_jobs(folder, city, parameters, pending, min(workers, max(len(pending), 1))):
             done.append(one)
             to_do += len(one.halves)

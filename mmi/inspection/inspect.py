@@ -33,6 +33,7 @@ def inspect_dataset(
     *,
     cells: Sequence[str] | None = None,
     format: str = "png",  # noqa: A002 - matplotlib's word for it
+    own_functions: bool = False,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> list[Path]:
     """Draw ``cells``, by default the :func:`typical_cell`, into folder ``output``; the files written, in order.
@@ -40,7 +41,8 @@ def inspect_dataset(
     For each cell ``ID-map.png`` (bird's-eye view, paper figure 5), ``ID-graph.png`` (visibility events and their weights)
     and ``ID-sector-K.png`` for each sector K that has layers; then ``histograms.png`` over all cells of the dataset;
     other endings for other formats (``png``, ``svg``, ``pdf``). The same dataset gives the same bytes.
-    ``progress`` is called with (pictures done, pictures in all, the last one's name).
+    A dataset built with functions from outside the package is planned again only with ``own_functions``, as that imports
+    what its manifest names. ``progress`` is called with (pictures done, pictures in all, the last one's name).
 
     Raises ParameterError for an unknown format; DatasetError when there is no such cell or none at all, when the dataset
     is damaged or was built by another version, or when ``output`` cannot be written; CaptureError where visibility by
@@ -48,6 +50,12 @@ def inspect_dataset(
     """
     if format not in PICTURE_FORMATS:
         raise ParameterError(f"format: {', '.join(PICTURE_FORMATS)} expected, found {format!r}")
+    named = dataset.manifest.parameters.own_functions
+    if named and not own_functions:
+        raise DatasetError(
+            f"{dataset.path / 'manifest.json'}: choices of this package expected, found {', '.join(named)}; plotting imports "
+            "them, which runs their code: allow it with --own-functions, or own_functions=True, if you trust the dataset"
+        )
     chosen = dict.fromkeys([typical_cell(dataset)] if cells is None else cells)
     entries = [dataset.cell(cell) for cell in chosen]
     total = sum(2 + sum(bool(sector) for sector in entry.layers) for entry in entries) + 1

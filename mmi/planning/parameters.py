@@ -126,6 +126,12 @@ class BuildParameters:
         return choose(NEAR_STAGES, self.near_stage or self.chosen_weights.near_stage, what="near_stage")
 
     @property
+    def own_functions(self) -> tuple[str, ...]:
+        """Choices that are functions from outside the package, as text: planning imports them, and so runs their code."""
+        chosen = (self.chosen_weights, self.chosen_layering, self.chosen_near_stage)
+        return tuple(one.text for one in chosen if one.version is not None)
+
+    @property
     def bounded(self) -> bool:
         """Whether the choices bound what layers get wrong. Nothing is promised of functions from outside the package."""
         return self.chosen_weights.bounded and self.chosen_layering.bounded and self.chosen_near_stage.bounded

@@ -39,6 +39,11 @@ def inspect_layers(arguments: Sequence[str] | None = None) -> NoReturn:
         default="png",
         help="what the pictures are written as (default: %(default)s)",
     )
+    parser.add_argument(
+        "--own-functions",
+        action="store_true",
+        help="import the weights, layering and near stage of a dataset that was built with functions of one's own",
+    )
     parser.add_argument("--json", action="store_true", help="list the files written as JSON on standard output")
     run_program(parser, arguments, _inspect, kept="the pictures so far are kept")
 
@@ -49,7 +54,14 @@ def _inspect(options: argparse.Namespace) -> None:
 
     dataset = open_dataset(options.dataset)
     with ProgressBar("pictures") as advance:
-        written = inspect_dataset(dataset, options.output, cells=options.cell, format=options.format, progress=advance)
+        written = inspect_dataset(
+            dataset,
+            options.output,
+            cells=options.cell,
+            format=options.format,
+            own_functions=options.own_functions,
+            progress=advance,
+        )
     if options.json:
         print(json.dumps([str(path) for path in written], indent=1))
     else:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mmi.building.dataset import build_dataset
 from mmi.dataset.reading import open_dataset
+from mmi.foundation.errors import DatasetError
 from viewer.scene.scene import WalkScene, open_scene
 
 __all__ = ["single_mesh_scene"]
@@ -23,8 +24,15 @@ def single_mesh_scene(
 ) -> WalkScene:
     """The baseline of the paper: ``cells`` of ``scene`` built again in ``folder`` with one layer a view, or found there.
 
-    Raises DatasetError where ``folder`` holds something else, CaptureError where OpenGL fails.
+    Raises DatasetError where ``folder`` holds something else, or the scene was built with functions from outside the package:
+    nothing that a dataset names is imported here. Raises CaptureError where OpenGL fails.
     """
+    named = scene.parameters.own_functions
+    if named:
+        raise DatasetError(
+            f"{scene.dataset.path / 'manifest.json'}: single-mesh expects a dataset built with choices of this package, found "
+            f"{', '.join(named)}, which a comparison does not import"
+        )
     parameters = replace(scene.parameters, layering="single")
     city = scene.dataset.city()
     build_dataset(city, folder, parameters, cells=sorted(set(cells)), workers=workers, progress=progress)
