@@ -1,6 +1,6 @@
 """A city's file becomes a dataset of multi-mesh impostors: what ``build-impostors`` does, in ten lines.
 
-Run ``python examples/build_from_python.py examples/helsinki/helsinki.osm.pbf out/helsinki``.
+Run ``python examples/build_from_python.py examples/helsinki/helsinki.osm.pbf out/python``.
 """
 
 import math

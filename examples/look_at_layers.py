@@ -20,10 +20,10 @@ def main(folder: Path, picture: Path) -> None:
 
     for layer in impostor.layers:
         depth = layer.texture.depth[layer.texture.coverage]  # metres along the view axis
-        names = ", ".join(city.objects[i].id for i in layer.objects[:3])
+        names = ", ".join(city.objects[i].id for i in layer.objects[:3]) + (", ..." if len(layer.objects) > 3 else "")
         print(
-            f"sector {layer.sector}, layer {layer.index}: {depth.min():4.0f} to {depth.max():4.0f} m, "
-            f"{len(layer.mesh.triangles)} triangles, {len(layer.objects)} objects ({names}, ...)"
+            f"{layer.name} (sector {layer.sector}): {depth.min():4.0f} to {depth.max():4.0f} m, "
+            f"{len(layer.mesh.triangles)} triangles, objects in sight {len(layer.objects)}: {names}"
         )
 
     richest = max(impostor.layers, key=lambda layer: len(layer.objects))

@@ -134,7 +134,9 @@ def _promise(prepared: PreparedCity, plan: CellPlan, layers: Sequence[Layer]) ->
     if not parameters.bounded:
         withheld = f"weights {parameters.weights} with layering {parameters.layering} keep no bound"
     elif detailed:
-        withheld = f"visible objects with meshes of their own, whose roofs and reveals are not bounded: {detailed}"
+        withheld = (
+            f"objects in sight that are detailed meshes, whose own roofs and window reveals are not bounded: {detailed}"
+        )
     elif displaced > limit:
         withheld = f"a mesh displaces what it shows by {displaced:.1f} px, {limit:g} px were asked for"
     elif plan.missed is not None and plan.missed > limit:

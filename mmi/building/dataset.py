@@ -57,6 +57,8 @@ class BuildSummary:
     """Cells that were cut in halves to keep the budgets."""
     over_budget: dict[str, dict[str, tuple[int, int]]]
     """Cells that exceed a budget and are too short to be cut: id -> budget -> (what it costs, what it may cost)."""
+    removed: int
+    """Cells of an earlier build with other parameters or another city, or parts of such, that were not asked for now."""
     withheld: dict[str, str]
     """Cells whose errors are not bounded: id -> why, in words."""
 
@@ -140,15 +142,25 @@ def build_dataset(
                 progress(len(done), to_do, one.cell)
 
         present = current | {one.cell for one in done}
-        for stale in set(folder.recorded_cells()) - present:
-            folder.remove_cell(stale)
+        stale = set(folder.recorded_cells()) - present
+        for name in stale:
+            folder.remove_cell(name)
         records = [_recorded(folder, name) for name in sorted(present)]
         entries = with_halves_joined([record.entry for record in records if record.entry is not None])
         manifest = Manifest(shared, parameters, tuple(entries))
         folder.write("manifest.json", manifest_to_json(manifest))
         complete = len({whole_of(name) for name in current} & set(names) - {whole_of(job.cell.id) for job in pending})
         parts = sum(one.part_of is not None for one in city.objects)
-        summary = _summary(done, complete, parameters, manifest, time.perf_counter() - start, workers, parts)
+        summary = _summary(
+            done,
+            complete,
+            parameters,
+            manifest,
+            time.perf_counter() - start,
+            workers,
+            parts,
+            len({whole_of(name) for name in stale} - {whole_of(name) for name in present}),
+        )
         folder.write("build.json", readable_json(_build_json(summary)))
     return summary
 
@@ -201,6 +213,7 @@ def _summary(
     seconds: float,
     workers: int,
     parts: int,
+    removed: int,
 ) -> BuildSummary:
     stages: dict[str, float] = {}
     peaks: dict[int, int] = {os.getpid(): peak_memory()}
@@ -224,6 +237,7 @@ def _summary(
         parts=parts,
         cut=cut,
         over_budget={cell: costs for cell, costs in over.items() if costs},
+        removed=removed,
         withheld={entry.id: entry.promise_withheld for entry in manifest.cells if entry.promise_withheld is not None},
     )
 

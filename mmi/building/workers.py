@@ -254,6 +254,13 @@ def _fault(job: Job, error: Exception) -> _Fault:
     return _Fault(what, traceback.format_exc())
 
 
+def _as_ours(error: MmiError) -> MmiError:
+    """The error as one of this project's own classes, which get through a pipe whatever a plug-in derives from them."""
+    kind = next(one for one in type(error).__mro__ if one.__module__ == MmiError.__module__)
+    made: MmiError = kind(str(error))
+    return made
+
+
 def _serve(jobs: Connection, path: str, parameters: BuildParameters) -> None:
     """The life of a worker process: one cell after another, until the pipe closes.
 
@@ -273,7 +280,7 @@ def _serve(jobs: Connection, path: str, parameters: BuildParameters) -> None:
                 worker = _Worker(folder, city_from_json(folder.read("city.json"), name="city.json"), parameters)
             answer = worker.make(job)
         except MmiError as error:
-            answer = error
+            answer = _as_ours(error)
         except Exception as error:
             answer = _fault(job, error)
         try:

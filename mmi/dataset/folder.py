@@ -59,7 +59,11 @@ class DatasetFolder:
             with whole_path(target, make_folder=False) as temporary:
                 write(temporary)
                 found = _checksum(temporary)
-        except (OSError, RuntimeError) as error:  # OpenEXR raises RuntimeError
+        except (
+            OSError,
+            RuntimeError,
+            ValueError,
+        ) as error:  # OpenEXR raises RuntimeError, and ValueError for odd names
             raise _cannot_write(target, error) from error
         if found is None:
             raise DatasetError(f"{target}: written, but it cannot be read back")
@@ -81,19 +85,24 @@ class DatasetFolder:
             record = record_from_json((self.path / "cells" / f"{cell}.json").read_bytes())
         except (OSError, DatasetError):
             return None
-        if check and record.entry is not None:
-            files = [one for one in (record.entry.files.glb, record.entry.files.exr) if one is not None]
-            if any(_checksum(self.path / "cells" / Path(one.name).name) != (one.bytes, one.sha256) for one in files):
-                return None
-        return record
+        entry = record.entry
+        if entry is None:
+            return record
+        files = [one for one in (entry.files.glb, entry.files.exr) if one is not None]
+        if entry.id != cell or any(Path(one.name).with_suffix("") != Path("cells") / cell for one in files):
+            return None
+        damaged = check and any(_checksum(self.path / one.name) != (one.bytes, one.sha256) for one in files)
+        return None if damaged else record
 
     def write_record(self, cell: str, record: CellRecord) -> None:
         """Declare a cell complete."""
         self.write(f"cells/{cell}.json", record_to_json(record))
 
     def recorded_cells(self) -> list[str]:
-        """Ids of the cells that have a record, sorted."""
-        return sorted(path.stem for path in (self.path / "cells").glob("*.json"))
+        """Ids of the cells that have a record, of this version of the format or an earlier one, sorted. Other files are
+        none.
+        """
+        return sorted(path.stem for path in (self.path / "cells").glob("*.json") if _is_record(path))
 
     def remove_cell(self, cell: str) -> None:
         """Delete a cell's files, its record first."""
@@ -196,6 +205,15 @@ def is_ours(path: Path) -> bool:
     except (OSError, ValueError):
         return False
     return isinstance(marker, dict) and marker.get("program") == PROGRAM
+
+
+def _is_record(path: Path) -> bool:
+    """Whether a file is what some version of this program noted of a cell, whole or not."""
+    try:
+        record = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(record, dict) and {"inputs", "content", "entry"} <= set(record)
 
 
 def _checksum(path: Path) -> tuple[int, str] | None:

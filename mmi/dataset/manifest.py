@@ -7,6 +7,7 @@ values, whose fields are the schema's properties, in the same units. Nothing beh
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
@@ -42,6 +43,8 @@ __all__ = [
 FORMAT_VERSION = 8
 PROGRAM = "build-impostors"
 """What writes datasets, as ``build.json`` and messages say."""
+_CONTRADICTIONS = (ParameterError, ValueError, OverflowError)
+"""What is raised where values are of the right kind, and still mean nothing: numbers may be larger than any float."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +117,11 @@ class CellEntry:
 
     def __post_init__(self) -> None:
         _ = self.viewing_cell  # which checks what it is made of
+        numbers = (*self.reference, self.largest_weight_px, self.missed_px or 0.0, self.displacement_px)
+        if not all(math.isfinite(float(one)) for one in numbers):
+            raise ValueError(f"finite numbers expected, found {numbers}")
+        if self.triangles != sum(one.triangles for _, one in self.pictures):
+            raise ValueError(f"as many triangles as its layers have expected, found {self.triangles}")
         for _, one in self.pictures:
             if max(one.objects) >= len(self.far):
                 raise ValueError(f"{one.name}: places below {len(self.far)} in far expected, found {max(one.objects)}")
@@ -250,11 +258,18 @@ def manifest_from_json(data: bytes, *, name: str) -> Manifest:
         names = {cell.id for cell in cells}
         if len(names) < len(cells):
             raise ValueError(f"{len(cells)} cells of different ids expected, found {len(names)}")
-    except (ParameterError, ValueError) as error:
+        for cell in cells:
+            if cell.promised_error_px not in (None, parameters.max_error_px):
+                raise ValueError(f"cell {cell.id}: a promise of {parameters.max_error_px:g} px or none expected")
+    except _CONTRADICTIONS as error:
         raise DatasetError(f"{name}: values as {PROGRAM} writes them expected, found others ({error})") from error
     city = document["city"]
     shared = CityFiles(**{key: FileEntry(**file) for key, file in city["files"].items()})
-    return Manifest(CityEntry(**{**city, "origin": tuple(city["origin"]), "files": shared}), parameters, cells)
+    entry = CityEntry(**{**city, "origin": tuple(city["origin"]), "files": shared})
+    manifest = Manifest(entry, parameters, cells)
+    if document["totals"] != {"cells": len(cells), "bytes": manifest.bytes}:
+        raise DatasetError(f"{name}: totals of {len(cells)} cells and {manifest.bytes} bytes expected, found others")
+    return manifest
 
 
 def record_from_json(data: bytes) -> CellRecord:
@@ -268,7 +283,7 @@ def record_from_json(data: bytes) -> CellRecord:
     _hold_against_schema("record", document, "a record")
     try:
         entry = None if document["entry"] is None else _cell_from_dict(document["entry"])
-    except (ParameterError, ValueError) as error:
+    except _CONTRADICTIONS as error:
         raise DatasetError(f"a record: values as {PROGRAM} writes them expected, found others ({error})") from error
     return CellRecord(document["inputs"], document["content"], entry)
 
@@ -277,7 +292,7 @@ def _is_whole(document: Mapping[str, Any]) -> bool:
     """Whether the checksum in ``document`` is that of the rest of it."""
     try:
         return bool(with_checksum(document)["checksum"] == document.get("checksum"))
-    except ValueError:  # no canonical JSON: it holds NaN, or half a character
+    except (ValueError, RecursionError):  # no canonical JSON: it holds NaN, half a character, or lists a thousand deep
         return False
 
 

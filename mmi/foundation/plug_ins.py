@@ -19,7 +19,7 @@ from typing import Any
 
 from mmi.foundation.errors import ParameterError
 
-__all__ = ["PlugIn", "names_plug_in", "plug_in"]
+__all__ = ["PlugIn", "names_plug_in", "plug_in", "said"]
 
 _DIGITS = 12
 """Hexadecimal digits of a version that is made from a module's source."""
@@ -103,7 +103,7 @@ def _check_function(function: object, where: str) -> None:
 def _imported(place: str, target: str) -> ModuleType:
     try:
         return importlib.import_module(place)
-    except Exception as error:  # a module may raise anything while it is imported
+    except (Exception, SystemExit) as error:  # a module may raise anything while it is imported
         reason = " ".join(str(error).split()) or "no reason given"
         raise ParameterError(
             f"{target}: a module {place} that can be imported expected, found {type(error).__name__}: {reason}"
@@ -132,3 +132,9 @@ def _version(module: ModuleType, target: str) -> str:
     except (OSError, TypeError) as error:
         raise ParameterError(f"{target}: a version expected, as its module states none and has no source") from error
     return hashlib.sha256(source.encode()).hexdigest()[:_DIGITS]
+
+
+def said(error: BaseException) -> str:
+    """An error of a function from outside the package, in one line."""
+    text = str(error).splitlines()
+    return f"{type(error).__name__}: {text[0]}" if text else type(error).__name__

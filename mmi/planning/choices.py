@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mmi.foundation.errors import MmiError, ParameterError
-from mmi.foundation.plug_ins import PlugIn, names_plug_in, plug_in
+from mmi.foundation.plug_ins import PlugIn, names_plug_in, plug_in, said
 
 __all__ = ["LAYERINGS", "NEAR_STAGES", "WEIGHTS", "Choice", "blaming", "choose", "function_of"]
 
@@ -109,7 +109,7 @@ def blaming(choice: Choice, *, what: str) -> Iterator[None]:
         yield
     except MmiError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         if choice.version is None:
             raise
-        raise ParameterError(f"{what} {choice.name}: {type(error).__name__}: {error}") from error
+        raise ParameterError(f"{what} {choice.name}: {said(error)}") from error

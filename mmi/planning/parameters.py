@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any
+from typing import Any, SupportsFloat
 
 from mmi.foundation.camera import Camera
 from mmi.foundation.errors import ParameterError
@@ -69,10 +69,28 @@ class BuildParameters:
     """
 
     def __post_init__(self) -> None:
+        try:
+            self._check()
+        except (TypeError, ValueError, AttributeError, IndexError) as error:
+            raise ParameterError(
+                f"parameters: numbers, names and functions as documented expected ({error})"
+            ) from error
+
+    def _check(self) -> None:
+        """Raises ParameterError for what has no meaning, other errors for what is not even of the kind."""
+
         def expect(holds: bool, name: str, expected: str) -> None:
             if not holds:
                 raise ParameterError(f"{name}: {expected} expected, found {getattr(self, name)!r}")
 
+        for name in ("sectors", "quad", "supersample", "texture_quality"):
+            expect(type(getattr(self, name)) is int, name, "a whole number")
+        for name in ("near_triangles", "max_layers", "max_triangles", "max_bytes"):
+            expect(getattr(self, name) is None or type(getattr(self, name)) is int, name, "a whole number, or none,")
+        for name in ("max_error_px", "near_distance", "steepest", "cell_length"):
+            object.__setattr__(self, name, _number(getattr(self, name), name))
+        if self.longest_object is not None:
+            object.__setattr__(self, "longest_object", _number(self.longest_object, "longest_object"))
         expect(
             max(self.camera.width, self.camera.height) <= _MOST_PIXELS and self.camera.focal <= _MOST_PIXELS,
             "camera",
@@ -89,7 +107,7 @@ class BuildParameters:
         expect(0.1 <= self.steepest <= 10.0, "steepest", "a slope from 0.1 to 10")
         expect(self.visibility in VISIBILITIES, "visibility", " or ".join(VISIBILITIES))
         for name, table in (("weights", WEIGHTS), ("layering", LAYERINGS), ("near_stage", NEAR_STAGES)):
-            if getattr(self, name) is not None:
+            if name != "near_stage" or self.near_stage is not None:
                 object.__setattr__(self, name, choose(table, getattr(self, name), what=name).text)
         expect(4 <= self.sectors <= 36, "sectors", "4 to 36 sectors")
         expect(8 <= self.quad <= 128 and self.quad % 8 == 0, "quad", "a multiple of 8 from 8 to 128")
@@ -175,3 +193,10 @@ class BuildParameters:
             if type(count) is not int:
                 raise ParameterError(f"{name}: a whole number expected, found {count!r}")
         return made
+
+
+def _number(value: object, name: str) -> float | int:
+    """A number as Python's own, which JSON knows: NumPy's are others. Raises ParameterError."""
+    if isinstance(value, bool | str) or not isinstance(value, SupportsFloat):
+        raise ParameterError(f"{name}: a number expected, found {value!r}")
+    return value if type(value) is int else float(value)

@@ -181,7 +181,6 @@ def _build(options: argparse.Namespace) -> None:
     parameters = _parameters(options)
     reading = read_options(options)
     cores = usable_cores()
-    reading = read_options(options)
     workers = options.workers if options.workers is not None else cores
     if not 1 <= workers <= max(_MOST_WORKERS, cores):
         raise ParameterError(f"--workers: 1 to {max(_MOST_WORKERS, cores)} processes expected, found {workers}")
@@ -292,42 +291,48 @@ _MOST_CELLS = 5
 def _print_summary(talk: Console, summary: BuildSummary, out: Path, parameters: BuildParameters) -> None:
     if summary.parts:
         talk.print(f"{summary.parts} parts of objects longer than {parameters.longest_object:g} m")
-    made = [f"{summary.built} cells built"]
+    made = [f"{_cells(summary.built)} built"]
     if summary.complete:
         made.append(f"{summary.complete} were complete")
     if summary.unchanged:
         made.append(f"{summary.unchanged} see nothing that has changed")
     talk.print(f"{', '.join(made)}, in {summary.seconds:.1f} s with {summary.workers} worker(s)", end="")
     if summary.built:
-        talk.print(f" ({summary.built / summary.seconds:.1f} cells/s)", end="")
+        pace = summary.built / summary.seconds
+        talk.print(f" ({pace:.1f} cells/s)" if pace >= 1.0 else f" ({1.0 / pace:.1f} s a cell)", end="")
     talk.print(f"; peak memory {summary.peak_memory_bytes / 1e6:.0f} MB")
     talk.print(f"{out}: {summary.cells} cells, {summary.bytes / 1e6:.1f} MB", soft_wrap=True)
+    if summary.removed:
+        talk.print(
+            f"{_cells(summary.removed)} of an earlier build removed: built with other options, or of another city"
+        )
     if summary.cut:
-        talk.print(f"{summary.cut} cells cut in halves to keep the budgets")
+        talk.print(f"{_cells(summary.cut)} cut in halves to keep the budgets")
     for cell, costs in list(summary.over_budget.items())[:_MOST_CELLS]:
         text = ", ".join(f"{cost} {name} of {limit}" for name, (cost, limit) in costs.items())
         talk.print(f"cell {cell} exceeds its budget: {text}", soft_wrap=True)
     if summary.over_budget:
         talk.print(
-            f"{len(summary.over_budget)} cells are too short to be cut further: raise --max-error or the budget, or lower "
+            f"{_cells(len(summary.over_budget))} too short to be cut further: raise --max-error or the budget, or lower "
             "--display; --objects, --near-distance and --texture-quality decide what a cell costs, too",
             soft_wrap=True,
         )
     if summary.withheld:
         talk.print(
-            f"{len(summary.withheld)} of {summary.cells} cells promise no bound of their errors:", soft_wrap=True
+            f"no bound of the error is promised for {len(summary.withheld)} of {_cells(summary.cells)}:", soft_wrap=True
         )
         for why, number in Counter(summary.withheld.values()).most_common(_MOST_CELLS):
             name = next(cell for cell, reason in summary.withheld.items() if reason == why)
-            where = f"cell {name}" if number == 1 else f"{number} cells, such as {name}"
+            where = f"cell {name}" if number == 1 else f"{_cells(number)}, such as {name}"
             talk.print(f"  {where}: {why}", soft_wrap=True)
+
+
+def _cells(count: int) -> str:
+    return f"{count} cell" if count == 1 else f"{count} cells"
 
 
 def _plain(summary: BuildSummary) -> dict[str, Any]:
     return {name: getattr(summary, name) for name in summary.__slots__}
-
-
-# ------------------------------------------------------------------------------------------------ inspect-layers
 
 
 # ------------------------------------------------------------------------------------------------- option values

@@ -64,10 +64,10 @@ def read_city(
         CityError: the files do not hold a usable city; one line says what was found, where, and what to do.
         ParameterError: an option means nothing for what was found.
     """
-    options = ReadOptions() if options is None else options
+    path, options = Path(path), ReadOptions() if options is None else options
     override = None if options.crs is None else parse_crs(options.crs)
     for file in (path, options.streets, options.terrain):
-        if file is not None and not file.exists():
+        if file is not None and not _exists(file):
             raise CityError(f"{file}: no such file or folder")
     ledger = Ledger()
     try:
@@ -77,10 +77,10 @@ def read_city(
             return city, _accounted(city, ledger)
         if options.lod is not None:
             raise ParameterError(f"--lod: a 3D model expected, found {path}")
-        with step(progress, f"reading the buildings of {file.name}"):
+        with step(progress, f"reading the buildings of {_printable(file.name)}"):
             buildings = _read_buildings(file, ledger, options)
         street_file = file if options.streets is None else _the_file(options.streets)
-        with step(progress, f"reading the streets of {street_file.name}"):
+        with step(progress, f"reading the streets of {_printable(street_file.name)}"):
             lines = _read_streets(street_file, ledger, layer=options.streets_layer, buildings=buildings)
     except OSError as error:
         raise CityError(f"{error.filename or path}: cannot be read: {error.strerror or error}") from error
@@ -118,7 +118,7 @@ def read_city(
             ground=_GROUND if relief is None else relief,
             window=None if options.clip is None else box_to_local_frame(options.clip, frame),
         )
-    city = City(solids, graph, frame.crs, frame.origin, path.name, _GROUND, relief)
+    city = City(solids, graph, frame.crs, frame.origin, _printable(path.name), _GROUND, relief)
     return city, _accounted(city, ledger)
 
 
@@ -129,25 +129,38 @@ def _read_model_city(
     _refuse_columns(path, "a 3D model", options)
     if options.objects == "blocks":
         raise ParameterError(f"--objects: buildings expected, as {path} is a 3D model, found 'blocks'")
-    with step(progress, f"reading the model {file.name}"):
+    with step(progress, f"reading the model {_printable(file.name)}"):
         layer = read_model(file, ledger, lod=options.lod, up=options.up, crs=override)
     lines: StreetLayer | None = None
     if options.streets is not None:
         own_metres = layer.crs is None and override is None
         street_file = _the_file(options.streets)
-        with step(progress, f"reading the streets of {street_file.name}"):
+        with step(progress, f"reading the streets of {_printable(street_file.name)}"):
             lines = _read_streets(street_file, ledger, layer=options.streets_layer, local=own_metres)
     return city_of_model(
         layer,
         lines,
         ledger,
-        source=path.name,
+        source=_printable(path.name),
         network=options.network,
         override=override,
         clip=options.clip,
         terrain=options.terrain,
         progress=progress,
     )
+
+
+def _exists(file: Path) -> bool:
+    """Whether there is such a file or folder; a name that no file can have is none."""
+    try:
+        return file.exists()
+    except (OSError, ValueError):
+        return False
+
+
+def _printable(name: str) -> str:
+    """A file's name, which Linux takes to be bytes, with those that are no UTF-8 written out."""
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 def _accounted(city: City, ledger: Ledger) -> CityReport:

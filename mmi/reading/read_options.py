@@ -59,6 +59,16 @@ class ReadOptions:
     up: str = "auto"
 
     def __post_init__(self) -> None:
+        for name in ("streets", "terrain"):
+            value = getattr(self, name)
+            if isinstance(value, str) and value:
+                object.__setattr__(self, name, Path(value))
+            elif value is not None and not isinstance(value, Path):
+                raise ParameterError(f"--{name}: a path expected, found {value!r}")
+        for name in ("crs", "height_column", "levels_column", "id_column", "buildings_layer", "streets_layer", "lod"):
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, str):
+                raise ParameterError(f"--{name.replace('_', '-')}: text expected, found {value!r}")
         for option, value, choices in (
             ("--network", self.network, NETWORKS),
             ("--objects", self.objects, OBJECTS),
@@ -70,7 +80,12 @@ class ReadOptions:
         if self.lod is not None and not re.fullmatch(r"[0-4](\.[0-9])?", self.lod):
             raise ParameterError(f"--lod: a level of detail such as 2 or 1.3 expected, found {self.lod!r}")
         if self.clip is not None:
-            west, south, east, north = self.clip
+            try:
+                west, south, east, north = map(float, self.clip)
+            except (TypeError, ValueError) as error:
+                raise ParameterError(
+                    f"--clip: four numbers expected (west, south, east, north), found {self.clip!r}"
+                ) from error
             if not (-180 <= west < east <= 180 and -90 <= south < north <= 90):
                 raise ParameterError(f"--clip: expected west < east and south < north in degrees, found {self.clip}")
         if self.crs is not None:

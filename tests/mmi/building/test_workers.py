@@ -1,6 +1,7 @@
 """Worker processes that die or fail: what was wrong is said in one line, whichever way it went, and nothing is lost."""
 
 import os
+import pickle
 import signal
 import time
 from dataclasses import replace
@@ -10,11 +11,11 @@ import pytest
 from cities import city_of, crossroads, two_blocks
 
 from mmi.building.dataset import build_dataset, choose_cells
-from mmi.building.workers import Job, _deal, _fault
+from mmi.building.workers import Job, _as_ours, _deal, _fault
 from mmi.dataset.folder import DatasetFolder, build_folder
 from mmi.dataset.reading import open_dataset
 from mmi.foundation.camera import Camera
-from mmi.foundation.errors import DatasetError
+from mmi.foundation.errors import CityError, DatasetError
 from mmi.planning.parameters import BuildParameters
 
 PARAMETERS = BuildParameters(near_distance=30.0, camera=Camera(128, 128, 1.0), cell_length=80.0)
@@ -123,3 +124,16 @@ def test_a_lock_that_another_build_removes_is_none(tmp_path, monkeypatch):
         ):
             pass
     assert not (tmp_path / "out" / ".lock").exists()
+
+
+class _OwnError(CityError):
+    """An error as a plug-in may define it: a pipe could not make it again from its text."""
+
+    def __init__(self, one, other):
+        super().__init__(f"{one} {other}")
+        self.helper = lambda: one
+
+
+def test_an_error_that_a_plug_in_defines_gets_through_a_pipe():
+    found = pickle.loads(pickle.dumps(_as_ours(_OwnError("no", "streets"))))
+    assert type(found) is CityError and str(found) == "no streets"

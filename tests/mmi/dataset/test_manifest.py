@@ -2,7 +2,7 @@
 
 import copy
 import json
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from importlib.resources import files
 
 import pytest
@@ -17,6 +17,7 @@ from mmi.dataset.manifest import (
     CityEntry,
     FileEntry,
     LayerEntry,
+    manifest_from_json,
     manifest_to_json,
     record_from_json,
     record_to_json,
@@ -100,6 +101,14 @@ CHANGES = {
     "an unknown field": ((), lambda manifest: manifest.update(note="mended by hand")),
     "a city of nothing": (("city",), lambda city: city.clear()),
     "the same cell twice": (("cells",), lambda cells: cells.append(copy.deepcopy(cells[0]))),
+    "a number larger than any float": (("cells", 0, "axis", 0), lambda point: point.__setitem__(0, 10**400)),
+    "a viewpoint beyond any float": (("cells", 0, "reference"), lambda point: point.__setitem__(0, 10**400)),
+    "a factor beyond any float": (("parameters",), lambda parameters: parameters.update(landmarks=[["a", 10**400]])),
+    "a cell called ..": (("cells", 0), lambda cell: cell.update(id="..")),
+    "a file called ..": (("cells", 0, "files", "glb"), lambda file: file.update(name="cells/..")),
+    "more cells than there are": (("totals",), lambda totals: totals.update(cells=99)),
+    "triangles of no layer": (("cells", 0), lambda cell: cell.update(triangles=cell["triangles"] + 1)),
+    "a promise of another threshold": (("cells", 0), lambda cell: cell.update(promised_error_px=5.0)),
     "unknown weights": (("parameters",), lambda parameters: parameters.update(weights="heavy")),
 }
 
@@ -115,7 +124,7 @@ def test_what_the_schema_does_not_describe_is_refused_although_the_checksum_hold
         change(at(document, [first if key == "first" else key for key in way]))
 
     sign_again(tmp_path, edit)
-    with pytest.raises(DatasetError, match=r"manifest\.json: values as .* expected") as refused:
+    with pytest.raises(DatasetError, match=r"manifest\.json: (values as|totals of) .* expected") as refused:
         open_dataset(tmp_path)
     assert "\n" not in str(refused.value)
 
@@ -150,3 +159,25 @@ def test_every_edited_record_is_noticed_and_its_cell_made_again(tmp_path):
     record.write_bytes(record.read_bytes().replace(b'"displacement_px":', b'"displacement_px":9', 1))
     assert build_dataset(crossroads(), out, PARAMETERS, max_cells=1).built == 1
     assert (out / "manifest.json").read_bytes() == before
+
+
+def test_lists_a_thousand_deep_are_refused_too():
+    for depth in (990, 100_000):
+        data = b'{"format_version": 8, "checksum": "x", "a": ' + b"[" * depth + b"]" * depth + b"}"
+        with pytest.raises(DatasetError, match="expected, found"):
+            manifest_from_json(data, name="manifest.json")
+        with pytest.raises(DatasetError, match=r"a record: .* expected, found"):
+            record_from_json(data)
+
+
+def test_a_record_that_holds_another_cell_is_damaged_and_what_is_no_record_stays(tmp_path):
+    out = tmp_path / "out"
+    build_dataset(crossroads(), out, PARAMETERS, max_cells=2)
+    before = (out / "manifest.json").read_bytes()
+    one, other = sorted((out / "cells").glob("*.json"))
+    entries = [record_from_json(path.read_bytes()) for path in (one, other)]
+    one.write_bytes(record_to_json(replace(entries[0], entry=entries[1].entry)))
+    (out / "cells" / "notes.json").write_text('{"my": "notes"}')
+    assert build_dataset(crossroads(), out, PARAMETERS, max_cells=2).built == 1
+    assert (out / "manifest.json").read_bytes() == before
+    assert (out / "cells" / "notes.json").read_text() == '{"my": "notes"}'

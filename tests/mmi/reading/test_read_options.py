@@ -1,13 +1,18 @@
 """The options of reading: refused where they are made, and the same value for Python and for the program."""
 
 import argparse
+import os
+import shutil
 from dataclasses import fields
 from pathlib import Path
 
 import pytest
+from cities import HELSINKI
 
-from mmi.foundation.errors import ParameterError
+from mmi.city.codec import city_from_json, city_to_json
+from mmi.foundation.errors import CityError, ParameterError
 from mmi.programs.city_arguments import add_city_arguments, read_options
+from mmi.reading.read_city import read_city
 from mmi.reading.read_options import ReadOptions
 
 
@@ -19,6 +24,12 @@ from mmi.reading.read_options import ReadOptions
         ({"up": "x"}, "--up: expected auto, y or z, found 'x'"),
         ({"lod": "5"}, "--lod: a level of detail such as 2 or 1.3 expected, found '5'"),
         ({"clip": (9.0, 48.0, 8.0, 49.0)}, "--clip: expected west < east and south < north in degrees, found"),
+        ({"clip": (1, 2, 3)}, "--clip: four numbers expected (west, south, east, north), found (1, 2, 3)"),
+        ({"clip": "abcd"}, "--clip: four numbers expected"),
+        ({"lod": 2}, "--lod: text expected, found 2"),
+        ({"streets": 5}, "--streets: a path expected, found 5"),
+        ({"terrain": ""}, "--terrain: a path expected, found ''"),
+        ({"height_column": 5}, "--height-column: text expected, found 5"),
         ({"crs": "utm please"}, "--crs: expected a coordinate system such as EPSG:32632, found 'utm please'"),
     ],
 )
@@ -60,3 +71,19 @@ def test_every_option_has_its_argument():
         value = getattr(told, one.name)
         words += [f"--{one.name.replace('_', '-')}", ",".join(map(str, value)) if one.name == "clip" else str(value)]
     assert parsed(*words) == told
+
+
+def test_paths_may_be_text():
+    assert ReadOptions(streets="roads.shp").streets == Path("roads.shp")
+    city, _ = read_city(str(HELSINKI))
+    assert city.source == HELSINKI.name
+
+
+def test_names_that_no_file_can_have_and_bytes_that_are_no_text_are_told(tmp_path):
+    with pytest.raises(CityError, match="no such file or folder"):
+        read_city(tmp_path / ("a" * 300 + ".osm"))
+    odd = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9.osm.pbf"))
+    shutil.copy(HELSINKI, odd)
+    city, _ = read_city(odd)
+    assert city.source == r"caf\xe9.osm.pbf"
+    assert city_from_json(city_to_json(city), name="city.json").source == city.source

@@ -176,7 +176,7 @@ class TestOptions:
 
     def test_a_scene_of_another_city(self):
         extract = horizon_extractor(prepare_horizon(city_of((WALL, 10))))
-        with pytest.raises(ValueError, match="scene of"):
+        with pytest.raises(ValueError, match="horizon of"):
             extract(everything(city_of((WALL, 10)), cell_along_x()))
 
 

@@ -178,6 +178,48 @@ def test_a_technique_of_ones_own_is_a_function_of_the_scene(scenes, scene):
         assert plan.same_as(make_technique("full", scenes).plan(view, now=0.0, budget=BUDGET))
 
 
+class _Planning:
+    """A technique whose plan is what ``make`` gives, or fails as ``make`` does."""
+
+    name = "own"
+
+    def __init__(self, make):
+        self.make = make
+
+    def plan(self, view, *, now, budget):  # noqa: ARG002
+        return self.make()
+
+
+def fails(_scene):
+    raise RuntimeError("no such luck\nin two lines")
+
+
+def leaves(_scene):
+    raise SystemExit(7)
+
+
+def plans_a_number(_scene):
+    return _Planning(lambda: 7)
+
+
+def fails_to_plan(_scene):
+    return _Planning(lambda: {}["a row"])
+
+
+@pytest.mark.parametrize(
+    ("own", "message"),
+    [
+        (fails, "fails: RuntimeError: no such luck$"),
+        (leaves, "leaves: SystemExit: 7$"),
+        (plans_a_number, "plans_a_number: a Plan expected of it, found a value of type int$"),
+        (fails_to_plan, "fails_to_plan: KeyError: 'a row'$"),
+    ],
+)
+def test_mistakes_of_a_technique_of_ones_own_are_told_as_such(scenes, scene, own, message):
+    with pytest.raises(ParameterError, match=rf"^technique {__name__}:{message}"):
+        make_technique(own, scenes).plan(look(scene, 20.0), now=0.0, budget=BUDGET)
+
+
 def test_what_is_no_technique_of_ones_own_is_refused(scenes):
     with pytest.raises(ParameterError, match="found a lambda"):
         find_technique(lambda scene: FullGeometry(scene))
