@@ -24,7 +24,8 @@ def with_first_picture(dataset, **fields):
     k = next(i for i, layers in enumerate(entry.layers) if layers)
     layers = [list(one) for one in entry.layers]
     layers[k][0] = replace(layers[k][0], **fields)
-    return with_first_cell(dataset, layers=tuple(map(tuple, layers)))
+    triangles = sum(one.triangles for sector in layers for one in sector)
+    return with_first_cell(dataset, layers=tuple(map(tuple, layers)), triangles=triangles)
 
 
 def sign_again(path, edit):

@@ -240,7 +240,10 @@ def _write_exr(path: Path, parts: list[OpenEXR.Part]) -> None:
     display = (windows[:, 0].min(axis=0), windows[:, 1].max(axis=0))
     for part in parts:
         part.header["displayWindow"] = display
-    OpenEXR.File(parts).write(str(path))
+    try:
+        OpenEXR.File(parts).write(str(path))
+    except ValueError as error:  # a path that is no UTF-8
+        raise RuntimeError("OpenEXR takes paths of UTF-8 only") from error
 
 
 def _image(layer: Layer, quality: int) -> GlbImage:

@@ -59,11 +59,7 @@ class DatasetFolder:
             with whole_path(target, make_folder=False) as temporary:
                 write(temporary)
                 found = _checksum(temporary)
-        except (
-            OSError,
-            RuntimeError,
-            ValueError,
-        ) as error:  # OpenEXR raises RuntimeError, and ValueError for odd names
+        except (OSError, RuntimeError) as error:  # OpenEXR raises RuntimeError
             raise _cannot_write(target, error) from error
         if found is None:
             raise DatasetError(f"{target}: written, but it cannot be read back")

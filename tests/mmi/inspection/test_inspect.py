@@ -87,7 +87,8 @@ def test_a_typical_cell_is_in_the_middle_of_those_with_layers(built, cells, typi
     def made(cell, layers, far):
         pictures = tuple(replace(picture, index=i) for i in range(layers))
         files = one.files if layers else replace(one.files, exr=None)
-        return replace(one, id=cell, layers=(pictures,), far=("x",) * far, files=files)
+        triangles = layers * picture.triangles
+        return replace(one, id=cell, layers=(pictures,), far=("x",) * far, files=files, triangles=triangles)
 
     made_cells = [made(*cell) for cell in cells]
     for order in (made_cells, made_cells[::-1]):
@@ -146,7 +147,9 @@ def test_a_plan_that_is_not_the_manifests_is_refused(built, tmp_path, what):
     elif what == "near":
         other = with_first_cell(built, near=first.near[:-1])
     else:
-        other = with_first_cell(built, far=first.far[:-1], layers=((),) * 6, files=replace(first.files, exr=None))
+        other = with_first_cell(
+            built, far=first.far[:-1], layers=((),) * 6, files=replace(first.files, exr=None), triangles=0
+        )
     expected = {"near": "near objects", "far": "far objects", "layers": "layers"}[what]
     with pytest.raises(DatasetError, match=rf"manifest\.json: the {expected} of cell .*; run build-impostors again"):
         inspect_dataset(other, tmp_path, cells=[first.id])
@@ -225,7 +228,8 @@ def test_parameters_come_back_from_json(parameters):
     ("change", "message"),
     [
         ({"eye": [1.5]}, "as stored"), ({"camera": {"width": 3}}, "as stored"), ({"camera": 7}, "as stored"),
-        ({"max_error_px": "ten"}, "as stored"), ({"landmarks": [["a"]]}, "as stored"), ({"sectors": 6.5}, "sectors: a whole"),
+        ({"max_error_px": "ten"}, "max_error_px: a number"),
+        ({"landmarks": [["a"]]}, "as stored"), ({"sectors": 6.5}, "sectors: a whole"),
         ({"quad": 16.0}, "quad: a whole"), ({"weights": "heavy"}, "weights: same-ray or critical-zone or"),
         ({"more": 1}, "expected, found"), ({"near_triangles": True}, "near_triangles: a whole"),
     ],
