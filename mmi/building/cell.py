@@ -129,14 +129,12 @@ def _promise(prepared: PreparedCity, plan: CellPlan, layers: Sequence[Layer]) ->
     parameters, selection = prepared.parameters, plan.selection
     camera, limit = parameters.camera, parameters.max_error_px
     displaced = camera.pixels_from_angle(max((one.displacement for one in layers), default=0.0))
-    detailed = sum(prepared.city.objects[i].mesh is not None for i in selection.objects)
+    detailed = any(prepared.city.objects[i].mesh is not None for i in selection.objects)
     withheld = None
     if not parameters.bounded:
         withheld = f"weights {parameters.weights} with layering {parameters.layering} keep no bound"
     elif detailed:
-        withheld = (
-            f"objects in sight that are detailed meshes, whose own roofs and window reveals are not bounded: {detailed}"
-        )
+        withheld = "detailed meshes are in sight, whose own roofs and window reveals are not bounded"
     elif displaced > limit:
         withheld = f"a mesh displaces what it shows by {displaced:.1f} px, {limit:g} px were asked for"
     elif plan.missed is not None and plan.missed > limit:
