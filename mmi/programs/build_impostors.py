@@ -301,7 +301,7 @@ def _print_summary(talk: Console, summary: BuildSummary, out: Path, parameters: 
         pace = summary.built / summary.seconds
         talk.print(f" ({pace:.1f} cells/s)" if pace >= 1.0 else f" ({1.0 / pace:.1f} s a cell)", end="")
     talk.print(f"; peak memory {summary.peak_memory_bytes / 1e6:.0f} MB")
-    talk.print(f"{out}: {summary.cells} cells, {summary.bytes / 1e6:.1f} MB", soft_wrap=True)
+    talk.print(f"{out}: {_cells(summary.cells)}, {summary.bytes / 1e6:.1f} MB", soft_wrap=True)
     if summary.removed:
         talk.print(
             f"{_cells(summary.removed)} of an earlier build removed: built with other options, or of another city"
