@@ -27,6 +27,7 @@ from mmi.dataset.folder import DatasetFolder
 from mmi.dataset.manifest import FORMAT_VERSION, CellEntry, CellRecord
 from mmi.foundation.errors import DatasetError, MmiError
 from mmi.foundation.json_forms import fingerprint
+from mmi.foundation.plug_ins import said
 from mmi.foundation.processes import how_it_ended, package_version, peak_memory, without_interrupts
 from mmi.foundation.stopwatch import Stopwatch
 from mmi.planning.parameters import BuildParameters
@@ -250,7 +251,7 @@ def _fault(job: Job, error: Exception) -> _Fault:
         return _Fault(f"cell {job.cell.id}: memory ran out ({error}); try fewer --workers", traceback.format_exc())
     place = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{Path(place.filename).name}, line {place.lineno}"
-    what = f"cell {job.cell.id}: {type(error).__name__}: {error} ({where}); this is a fault of the program, please report it"
+    what = f"cell {job.cell.id}: {said(error)} ({where}); this is a fault of the program, please report it"
     return _Fault(what, traceback.format_exc())
 
 
