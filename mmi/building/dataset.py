@@ -142,7 +142,7 @@ def build_dataset(
                 progress(len(done), to_do, one.cell)
 
         present = current | {one.cell for one in done}
-        stale = set(folder.recorded_cells()) - present
+        stale = folder.stray_cells(present)
         for name in stale:
             folder.remove_cell(name)
         records = [_recorded(folder, name) for name in sorted(present)]

@@ -18,7 +18,7 @@ import fcntl
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,11 +94,13 @@ class DatasetFolder:
         """Declare a cell complete."""
         self.write(f"cells/{cell}.json", record_to_json(record))
 
-    def recorded_cells(self) -> list[str]:
-        """Ids of the cells that have a record, of this version of the format or an earlier one, sorted. Other files are
-        none.
+    def stray_cells(self, present: Collection[str]) -> list[str]:
+        """Ids of recorded cells that are not ``present``, whatever version of the format recorded them, sorted.
+
+        Files that are no records are none, and only those of other names are read.
         """
-        return sorted(path.stem for path in (self.path / "cells").glob("*.json") if _is_record(path))
+        strays = (path for path in (self.path / "cells").glob("*.json") if path.stem not in present)
+        return sorted(path.stem for path in strays if _is_record(path))
 
     def remove_cell(self, cell: str) -> None:
         """Delete a cell's files, its record first."""

@@ -11,15 +11,16 @@ import hashlib
 import importlib
 import inspect
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from mmi.foundation.errors import ParameterError
+from mmi.foundation.errors import MmiError, ParameterError
 
-__all__ = ["PlugIn", "names_plug_in", "plug_in", "said"]
+__all__ = ["PlugIn", "names_plug_in", "own_mistakes", "plug_in", "said"]
 
 _DIGITS = 12
 """Hexadecimal digits of a version that is made from a module's source."""
@@ -132,6 +133,20 @@ def _version(module: ModuleType, target: str) -> str:
     except (OSError, TypeError) as error:
         raise ParameterError(f"{target}: a version expected, as its module states none and has no source") from error
     return hashlib.sha256(source.encode()).hexdigest()[:_DIGITS]
+
+
+@contextmanager
+def own_mistakes(what: str) -> Iterator[None]:
+    """In the body of a ``with`` statement, what a function from outside the package raises becomes a ParameterError.
+
+    ``what`` names the function, such as ``weights my_module:apart``. Errors of this project pass.
+    """
+    try:
+        yield
+    except MmiError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise ParameterError(f"{what}: {said(error)}") from error
 
 
 def said(error: BaseException) -> str:

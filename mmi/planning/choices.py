@@ -16,13 +16,13 @@ The functions take these, and their modules say what they return:
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
-from mmi.foundation.errors import MmiError, ParameterError
-from mmi.foundation.plug_ins import PlugIn, names_plug_in, plug_in, said
+from mmi.foundation.errors import ParameterError
+from mmi.foundation.plug_ins import PlugIn, names_plug_in, own_mistakes, plug_in
 
 __all__ = ["LAYERINGS", "NEAR_STAGES", "WEIGHTS", "Choice", "blaming", "choose", "function_of"]
 
@@ -102,14 +102,6 @@ def function_of(choice: Choice) -> Callable[..., Any]:
     return found.function
 
 
-@contextmanager
-def blaming(choice: Choice, *, what: str) -> Iterator[None]:
+def blaming(choice: Choice, *, what: str) -> AbstractContextManager[None]:
     """In the body of a ``with`` statement, what a function from outside the package raises becomes a ParameterError."""
-    try:
-        yield
-    except MmiError:
-        raise
-    except (Exception, SystemExit) as error:
-        if choice.version is None:
-            raise
-        raise ParameterError(f"{what} {choice.name}: {said(error)}") from error
+    return nullcontext() if choice.version is None else own_mistakes(f"{what} {choice.name}")

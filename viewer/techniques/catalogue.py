@@ -10,15 +10,14 @@ dataset that is compared and returns a technique (:mod:`mmi.foundation.plug_ins`
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
 from mmi.foundation.camera import View
-from mmi.foundation.errors import MmiError, ParameterError
-from mmi.foundation.plug_ins import PlugIn, names_plug_in, plug_in, said
+from mmi.foundation.errors import ParameterError
+from mmi.foundation.plug_ins import PlugIn, names_plug_in, own_mistakes, plug_in
 from viewer.plan import Budget, Plan, Technique
 from viewer.scene.scene import WalkScene
 from viewer.techniques.geometry import CellGeometry, FullGeometry
@@ -87,7 +86,7 @@ def find_technique(of: str | Callable[..., Any] | PlugIn | TechniqueEntry) -> Te
         )
 
     def make(scene: WalkScene, _: float) -> Technique:
-        with _blaming(origin):
+        with own_mistakes(f"technique {origin.target}"):
             made = origin.function(scene)
         if not callable(getattr(made, "plan", None)):
             raise ParameterError(
@@ -113,24 +112,13 @@ class _OwnTechnique:
 
     def plan(self, view: View, *, now: float, budget: Budget) -> Plan:
         """What the technique plans. Raises ParameterError where it fails, or plans something else."""
-        with _blaming(self.origin):
+        with own_mistakes(f"technique {self.origin.target}"):
             found = self.made.plan(view, now=now, budget=budget)
         if not isinstance(found, Plan):
             raise ParameterError(
                 f"technique {self.origin.target}: a Plan expected of it, found a value of type {type(found).__name__}"
             )
         return found
-
-
-@contextmanager
-def _blaming(origin: PlugIn) -> Iterator[None]:
-    """In the body of a ``with`` statement, what a function from outside the package raises becomes a ParameterError."""
-    try:
-        yield
-    except MmiError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise ParameterError(f"technique {origin.target}: {said(error)}") from error
 
 
 def make_technique(
