@@ -1,15 +1,20 @@
-"""What a technique is: views in, plans out. A plan says what to draw, and draws nothing (DESIGN section 5).
+"""What a technique is: views in, plans out. A plan says what to capture and what to draw, and does neither (DESIGN section 5).
 
     Technique.plan(view, now, budget) -> Plan
-    Plan   = what must be in memory, what to draw, perhaps over what was drawn before (cross-fade)
-    Draw   = Sky | Ground | Objects | CellLayers        (a closed union; ``viewer.drawing.renderer`` draws each kind)
+    Plan    = what must be in memory, what to capture into images first, what to draw then, perhaps over what was drawn before
+    Request = draws into an image that stays on the GPU under its key; orders: all are executed, in order, before any draw
+    Draw    = Sky | Ground | Objects | CellLayers | Relief    (a closed union; ``viewer.drawing.renderer`` draws each kind)
 
-Techniques, walks and the choice of what to load are plain Python and run without OpenGL: the same walk gives the same plans.
+Techniques, walks and the choice of what to load and to capture are plain Python and run without OpenGL. A technique knows
+nothing but the views and the budgets that it was given, in order, and a budget is plain data: the same walk with the same
+budgets, those of a recording say, gives the same plans.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -17,7 +22,25 @@ from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 
-__all__ = ["Budget", "CellKey", "CellLayers", "Draw", "Ground", "Objects", "Plan", "Sky", "Technique"]
+__all__ = [
+    "Budget",
+    "CellKey",
+    "CellLayers",
+    "Costs",
+    "Done",
+    "Draw",
+    "Ground",
+    "ImageKey",
+    "Objects",
+    "Plan",
+    "Relief",
+    "ReliefPart",
+    "Request",
+    "Sky",
+    "Slot",
+    "Technique",
+    "Work",
+]
 
 
 class CellKey(NamedTuple):
@@ -25,6 +48,13 @@ class CellKey(NamedTuple):
 
     dataset: str
     cell: str
+
+
+class ImageKey(NamedTuple):
+    """An image that stays on the GPU until a plan drops it. ``owner`` is the technique that had it captured."""
+
+    owner: str
+    name: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,17 +85,67 @@ class CellLayers:
     names: tuple[str, ...]
 
 
-Draw = Sky | Ground | Objects | CellLayers
+@dataclass(frozen=True, slots=True, eq=False)
+class ReliefPart:
+    """What was captured as ``view``, into its image at ``corner`` (x, y; texels from the upper left).
+
+    ``moved`` (4, 4) is world now from world then, for what has moved since and took its picture along; None where nothing did.
+    Where no texel near tells a depth, the relief has that of ``filling``, metres along the axis of ``view``.
+    """
+
+    view: View
+    corner: tuple[int, int]
+    filling: float
+    moved: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Relief:
+    """Parts of a captured image, each drawn as a regular grid that its depths displace (paper section 5.5).
+
+    Every pixel has the depth of the surface point that its texel captured, so that the z-buffer composes what was captured
+    with all else. Seen from where it was captured a part is that very picture, texel for pixel.
+    """
+
+    image: ImageKey
+    parts: tuple[ReliefPart, ...]
+
+
+Draw = Sky | Ground | Objects | CellLayers | Relief
 """What a plan is made of: a closed union, of which the renderer draws each kind."""
+
+
+class Slot(NamedTuple):
+    """A place in an image of ``size`` (width, height): what begins at ``corner`` (x, y), texels from the upper left."""
+
+    image: ImageKey
+    size: tuple[int, int]
+    corner: tuple[int, int] = (0, 0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Request:
+    """An order to draw ``draws`` as ``view`` sees them into a place of an image, which is as large as the view's window.
+
+    The image keeps colour (premultiplied, alpha is coverage), depth along the axis of ``view`` and object ids. Without
+    ``clear`` it also keeps what is there, and draws are added to that: a picture may be captured a part at a time. An image
+    that is asked for in another size begins anew.
+    """
+
+    into: Slot
+    view: View
+    draws: tuple[Draw, ...]
+    clear: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
     """One frame.
 
-    ``draws`` in order: what is likely to hide the rest first. ``place`` is the cell that the viewer is in. The layers of
-    ``cells`` must be in memory for it, ``ahead`` are cells worth loading next, most urgent first. Where ``mix`` is below 1,
-    the picture of ``fading`` is mixed in: ``mix`` of draws, 1 - ``mix`` of fading.
+    ``drops`` are images that are not needed any more; then ``requests`` are executed, in order. ``draws`` in order: what is
+    likely to hide the rest first. ``place`` is the cell that the viewer is in. The layers of ``cells`` must be in memory for
+    it, ``ahead`` are cells worth loading next, most urgent first. Where ``mix`` is below 1, the picture of ``fading`` is mixed
+    in: ``mix`` of draws, 1 - ``mix`` of fading.
     """
 
     draws: tuple[Draw, ...]
@@ -74,18 +154,63 @@ class Plan:
     ahead: tuple[CellKey, ...] = ()
     fading: tuple[Draw, ...] = ()
     mix: float = 1.0
+    requests: tuple[Request, ...] = ()
+    drops: tuple[ImageKey, ...] = ()
 
     def same_as(self, other: Plan) -> bool:
         """Whether both say the same (sets of objects by their key): for replayed walks."""
         return _told(self) == _told(other)
 
 
+class Work(NamedTuple):
+    """What was done in ``seconds``: ``triangles`` in ``draws`` calls, and ``pixels`` of images that were captured."""
+
+    seconds: float = 0.0
+    triangles: int = 0
+    draws: int = 0
+    pixels: int = 0
+
+
+class Done(NamedTuple):
+    """What a frame's ``requests`` and its ``draws`` took, apart from each other."""
+
+    requests: Work = Work()
+    draws: Work = Work()
+
+
+class Costs(NamedTuple):
+    """What drawing takes on a machine, in seconds: a frame as such, each draw, each triangle; a request as such, each pixel.
+
+    Plain numbers, so that a recording has them (:mod:`viewer.runtime.cost_model` finds and refines them). The ones given here
+    are those of software OpenGL on two cores, for who has no better.
+    """
+
+    frame: float = 2e-3
+    draw: float = 5e-5
+    triangle: float = 2e-8
+    request: float = 1e-4
+    pixel: float = 8e-9
+
+    def of_draws(self, *, triangles: int, draws: int) -> float:
+        """Seconds that a frame of so many is predicted to take, requests aside."""
+        return self.frame + self.draw * draws + self.triangle * triangles
+
+    def of_request(self, *, triangles: int, draws: int, pixels: int) -> float:
+        """Seconds that a request is predicted to take."""
+        return self.request + self.draw * draws + self.triangle * triangles + self.pixel * pixels
+
+
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """Time for a frame, and what the last one took; seconds."""
+    """Time for a frame, in seconds, what things cost, and what was ``done`` in the last frame; None before the first.
+
+    A whole frame should take at most ``frame``. ``updates`` is what requests may take of it at most; 0 forbids them.
+    """
 
     frame: float = 1.0 / 30.0
-    last_frame: float = 0.0
+    updates: float = math.inf
+    costs: Costs = field(default_factory=Costs)
+    done: Done | None = None
 
 
 class Technique(Protocol):
@@ -102,8 +227,31 @@ class Technique(Protocol):
 
 
 def _told(plan: Plan) -> tuple[object, ...]:
-    def key(draw: Draw) -> object:
-        return ("objects", draw.key) if isinstance(draw, Objects) else draw
+    """The plan in values that can be compared."""
+    requests = [
+        (request.into, _told_view(request.view), _told_draws(request.draws), request.clear) for request in plan.requests
+    ]
+    draws, fading = _told_draws(plan.draws), _told_draws(plan.fading)
+    return requests, draws, fading, plan.place, plan.cells, plan.ahead, plan.mix, plan.drops
 
-    draws, fading = ([key(draw) for draw in some] for some in (plan.draws, plan.fading))
-    return draws, fading, plan.place, plan.cells, plan.ahead, plan.mix
+
+def _told_draws(draws: Iterable[Draw]) -> list[object]:
+    return [_told_draw(draw) for draw in draws]
+
+
+def _told_draw(draw: Draw) -> object:
+    match draw:
+        case Objects():
+            return "objects", draw.key
+        case Relief():
+            parts = [
+                (_told_view(one.view), one.corner, one.filling, None if one.moved is None else one.moved.tobytes())
+                for one in draw.parts
+            ]
+            return "relief", draw.image, parts
+        case _:
+            return draw
+
+
+def _told_view(view: View) -> object:
+    return view.eye_from_world.tobytes(), view.focal, view.window

@@ -5,10 +5,12 @@ It is a value of its own so that measures and reports run without OpenGL. ``view
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+
+from viewer.plan import Done
 
 __all__ = ["DrawnPicture"]
 
@@ -21,7 +23,8 @@ class DrawnPicture:
     (h, w) float32 metres along the axis, ``inf`` for the sky; ``displacement`` (h, w) float32 radians between where an
     impostor's surface is drawn and where its texel was captured, as the viewer sees them, NaN where the pixel shows no
     impostor. ``seconds`` is the time from the first call to the finished picture; ``gpu_seconds`` is what the GPU reports,
-    None where that means nothing (``viewer.drawing.renderer.gpu_seconds``); ``triangles`` and ``draws`` were sent.
+    None where that means nothing (``viewer.drawing.renderer.gpu_seconds``); ``triangles`` and ``draws`` were sent. ``done``
+    says what of that the plan's requests took, and what its draws.
     """
 
     color: NDArray[np.uint8]
@@ -32,3 +35,4 @@ class DrawnPicture:
     gpu_seconds: float | None
     triangles: int
     draws: int
+    done: Done = field(default_factory=Done)

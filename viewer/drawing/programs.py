@@ -4,7 +4,7 @@ A kind of draw (``viewer.drawing.kinds``) brings its own vertex and fragment sha
 declares the view (``eye_from_world``, ``eye``, ``projection``, ``clip``), ``project`` and the outputs, and defines flags:
 
     MEASURED    the program also puts out, per pixel, the object, its depth along the axis, and by what angle an impostor's
-                surface is displaced (-1 where geometry, ground or sky shows)
+                surface is displaced (-1 where geometry, ground or sky shows); images that stay on the GPU are captured with it
     COVERAGE    for multisampling: silhouettes of layers become coverage of samples
 """
 
@@ -19,10 +19,12 @@ import numpy as np
 
 from mmi.foundation.camera import View
 
-__all__ = ["SCREEN_VERTEX", "Program", "Programs"]
+__all__ = ["MODES", "SCREEN_VERTEX", "Program", "Programs"]
 
+MODES = (False, True)
+"""Kinds of pictures: those that are not measured, and those that are."""
 _NEAR, _FAR = 0.1, 20_000.0
-_TEXTURE_UNITS = ("picture", "depths", "ids")
+_TEXTURE_UNITS = ("picture", "depths", "ids", "parts")
 """Names of samplers. The place of a name in this list is its texture unit."""
 _COMMON = """
 uniform mat3 eye_from_world;
@@ -66,22 +68,21 @@ class Program:
 
 
 class Programs:
-    """All programs of one OpenGL context. ``modes`` says for which pictures there are some: measured ones (true) or not.
+    """All programs of one OpenGL context, for pictures that are measured (true) and for those that are not.
 
     ``samples`` is the multisampling of unmeasured pictures.
     """
 
-    def __init__(self, context: Any, *, measured: bool, samples: int) -> None:  # noqa: ANN401
+    def __init__(self, context: Any, *, samples: int) -> None:  # noqa: ANN401
         self.context, self.samples = context, samples
-        self.modes = (False, True) if measured else (False,)
-        self._made: dict[bool, list[Program]] = {mode: [] for mode in self.modes}
+        self._made: dict[bool, list[Program]] = {mode: [] for mode in MODES}
 
     def make(
         self, vertex: str, fragment: str, *, flags: Sequence[str] = (), measures: bool = True
     ) -> Mapping[bool, Program]:
-        """A program for each of ``modes``; one that does not measure puts out colour only, whatever the picture."""
+        """A program for each of ``MODES``; one that does not measure puts out colour only, whatever the picture."""
         made = {}
-        for mode in self.modes:
+        for mode in MODES:
             defined = [
                 *(["MEASURED"] if mode and measures else []),
                 *(["COVERAGE"] if self.smooth(mode) else []),
@@ -101,11 +102,20 @@ class Programs:
         """Whether such pictures are multisampled."""
         return self.samples > 0 and not measured
 
-    def look_through(self, view: View, *, measured: bool) -> None:
-        """Tell all programs for such pictures what the next draws are seen through."""
+    def look_through(self, view: View, *, measured: bool, downwards: bool = False) -> None:
+        """Tell all programs for such pictures what the next draws are seen through.
+
+        ``downwards`` puts the top row first, as pictures that are sampled later are kept.
+        """
         left, top, width, height = view.window
         f = view.focal
-        projection = (2.0 * f / width, 2.0 * f / height, -(2.0 * left / width + 1.0), 2.0 * top / height + 1.0)
+        up = -1.0 if downwards else 1.0
+        projection = (
+            2.0 * f / width,
+            up * 2.0 * f / height,
+            -(2.0 * left / width + 1.0),
+            up * (2.0 * top / height + 1.0),
+        )
         values = {
             "eye_from_world": np.ascontiguousarray(view.eye_from_world[:3, :3].T, dtype="f4").tobytes(),
             "eye": view.eye.astype("f4").tobytes(),

@@ -1,8 +1,8 @@
 """Draws plans, with moderngl: puts the kinds of draw together, times them and reads pictures back (DESIGN section 5).
 
 What a kind of draw keeps on the GPU, its shaders and how it is drawn are in ``viewer.drawing.kinds``, which has a module for
-each. A measured picture also has, per pixel, the object, its depth, and by what angle an impostor's surface is displaced from
-the one that was captured (DESIGN section 6).
+each; images that requests capture into are in ``viewer.drawing.images``. A measured picture also has, per pixel, the object,
+its depth, and by what angle an impostor's surface is displaced from the one that was captured (DESIGN section 6).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import assert_never
 
+import moderngl
 import numpy as np
 
 from mmi.appearance.city_mesh import CityMesh
@@ -20,16 +21,18 @@ from mmi.foundation.errors import CaptureError
 from viewer.cells.loaded_cell import LoadedCell, LoadedLayer
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.fade import Fade
+from viewer.drawing.images import CapturedPixels, Images
 from viewer.drawing.kinds.ground import GroundDrawer
 from viewer.drawing.kinds.layers import LayersDrawer
 from viewer.drawing.kinds.meshes import MeshProgram
 from viewer.drawing.kinds.objects import ObjectsDrawer
+from viewer.drawing.kinds.reliefs import ReliefsDrawer
 from viewer.drawing.kinds.sky import SkyDrawer
 from viewer.drawing.opengl import finisher, is_software, open_context
 from viewer.drawing.programs import Programs
 from viewer.drawing.targets import Targets
 from viewer.drawing.thread_turns import turns_after
-from viewer.plan import CellKey, CellLayers, Draw, Ground, Objects, Plan, Sky
+from viewer.plan import CellKey, CellLayers, Done, Draw, Ground, ImageKey, Objects, Plan, Relief, Request, Sky, Work
 
 __all__ = ["Renderer", "gpu_seconds"]
 
@@ -65,14 +68,16 @@ class Renderer:
         context = self._context
         self.size, self.measured = size, measured
         self._timer, self._finish = context.query(time=True), finisher(context)
-        self._programs = Programs(context, measured=measured, samples=samples)
-        self._targets = Targets(self._programs, size)
+        self._programs = Programs(context, samples=samples)
+        self._targets = Targets(self._programs, size, measured=measured)
+        self._images = Images(context)
         self._fade = Fade(self._programs, self._targets)
         meshes = MeshProgram.made_by(self._programs)
         self._sky = SkyDrawer(self._programs)
         self._ground = GroundDrawer(context, meshes, ground)
         self._objects = ObjectsDrawer(context, meshes, mesh)
         self._layers = LayersDrawer(self._programs, measured=measured)
+        self._reliefs = ReliefsDrawer(self._programs, self._images)
 
     def __enter__(self) -> Renderer:
         return self
@@ -112,14 +117,16 @@ class Renderer:
     def draw(self, plan: Plan, view: View, *, measured: bool = False, read: bool = True) -> DrawnPicture:
         """Draw ``plan`` as ``view`` sees it. Without ``read``, ``color`` is empty: for timing.
 
-        In a measured picture, ids, depth and displacement are those of ``draws``, whatever fades. Raises KeyError where a
-        layer is drawn that was not uploaded, ValueError for measuring with a renderer that was not made for it.
+        The plan's requests are executed first. In a measured picture, ids, depth and displacement are those of ``draws``,
+        whatever fades. Raises KeyError where a layer is drawn that was not uploaded or an image that was not captured,
+        ValueError for measuring with a renderer that was not made for it.
         """
         if measured and not self.measured:
             raise ValueError("a renderer made with measured=True expected")
         with self._context:
             start = time.perf_counter()
             with self._timer:
+                captured = self._execute(plan)
                 counts = self._draw(plan, view, measured)
             with turns_after(_SWITCH_INTERVAL):
                 self._finish()
@@ -127,7 +134,50 @@ class Renderer:
             color = self._targets.color(measured=measured) if read else np.empty((0, 0, 3), dtype=np.uint8)
             ids, depth, displacement = self._targets.measures() if measured else (None, None, None)
             gpu = gpu_seconds(self._timer.elapsed, seconds=seconds, device=self.device)
-            return DrawnPicture(color, ids, depth, displacement, seconds, gpu, sum(counts), len(counts))
+            drawn = Work(seconds - captured.seconds, sum(counts), len(counts))
+            return DrawnPicture(
+                color=color,
+                object_ids=ids,
+                depth=depth,
+                displacement=displacement,
+                seconds=seconds,
+                gpu_seconds=gpu,
+                triangles=captured.triangles + drawn.triangles,
+                draws=captured.draws + drawn.draws,
+                done=Done(captured, drawn),
+            )
+
+    def execute(self, plan: Plan) -> Work:
+        """Execute the requests of a plan and draw nothing: what they took. Raises what :meth:`draw` does."""
+        with self._context:
+            return self._execute(plan)
+
+    def image(self, key: ImageKey) -> CapturedPixels:
+        """What an image holds. Raises KeyError where nothing was captured into it."""
+        with self._context:
+            return self._images.read(key)
+
+    def _execute(self, plan: Plan) -> Work:
+        for key in plan.drops:
+            self._images.drop(key)
+        if not plan.requests:
+            return Work()
+        start = time.perf_counter()
+        counts = [count for request in plan.requests for count in self._capture(request)]
+        with turns_after(_SWITCH_INTERVAL):
+            self._finish()
+        pixels = sum(request.view.window[2] * request.view.window[3] for request in plan.requests)
+        return Work(time.perf_counter() - start, sum(counts), len(counts), pixels)
+
+    def _capture(self, request: Request) -> list[int]:
+        """Draw into an image; the triangles of each call."""
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        self._images.begin(request.into, request.view.window[2:], clear=request.clear)
+        self._programs.look_through(request.view, measured=True, downwards=True)
+        try:
+            return [count for draw in request.draws for count in self._paint_one(draw, request.view, True)]
+        finally:
+            self._images.end()
 
     def _draw(self, plan: Plan, view: View, measured: bool) -> list[int]:
         """The triangles of each call that was sent."""
@@ -154,6 +204,8 @@ class Renderer:
                 return self._objects.draw(draw, measured=measured)
             case CellLayers():
                 return self._layers.draw(draw, view, measured=measured)
+            case Relief():
+                return self._reliefs.draw(draw, view, measured=measured)
             case _:
                 assert_never(draw)
 

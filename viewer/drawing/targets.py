@@ -8,7 +8,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from viewer.drawing.programs import Programs
+from viewer.drawing.programs import MODES, Programs
 
 __all__ = ["Measures", "Targets"]
 
@@ -25,12 +25,12 @@ class Measures(NamedTuple):
 
 
 class Targets:
-    """Framebuffers of ``size`` (width, height), one for each of the modes of ``programs``."""
+    """Framebuffers of ``size`` (width, height), and with ``measured`` one for pictures that are measured."""
 
-    def __init__(self, programs: Programs, size: tuple[int, int]) -> None:
+    def __init__(self, programs: Programs, size: tuple[int, int], *, measured: bool) -> None:
         self.size = size
         self._context, self._programs = programs.context, programs
-        self._whole = {mode: self._framebuffer(mode) for mode in programs.modes}
+        self._whole = {mode: self._framebuffer(mode) for mode in MODES if measured or not mode}
         self._colors = {
             mode: self._context.framebuffer([whole.color_attachments[0]]) for mode, whole in self._whole.items()
         }

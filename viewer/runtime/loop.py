@@ -123,9 +123,7 @@ class FrameLoop:
         view = pose.view(self._camera)
         with turns_after(_SWITCH_INTERVAL):
             start = clock.perf_counter()
-            plan = self._technique.plan(
-                view, now=time, budget=Budget(self._budget, 0.0 if last is None else last.total)
-            )
+            plan = self._technique.plan(view, now=time, budget=Budget(self._budget))
             self._cache.want(plan.cells, plan.ahead)
             planned = clock.perf_counter() - start
             loading = self._cache.require((*plan.cells, *plan.ahead[:1]), counted=False) if cut else 0.0

@@ -209,7 +209,7 @@ def test_a_technique_is_told_what_the_last_frame_took(scenes):
         name = "curious"
 
         def plan(self, view, *, now, budget):  # noqa: ARG002
-            told.append((now, budget.frame, budget.last_frame))
+            told.append((now, budget.frame, budget.done))
             return Plan(())
 
     painter = Painter()

@@ -14,7 +14,7 @@ _FRAGMENT = """
 uniform vec3 horizon; uniform vec3 zenith;
 in vec2 at;
 void main() {
-    vec3 ray = vec3((at.x + projection.z) / projection.x, (at.y + projection.w) / projection.y, -1.0);
+    vec3 ray = vec3((at - projection.zw) / projection.xy, -1.0);
     float up = pow(clamp(normalize(ray * eye_from_world).z, 0.0, 1.0), 0.6);
     color_out = vec4(mix(horizon, zenith, up), 1.0);
 #ifdef MEASURED
