@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from mmi.foundation.camera import View
 
 __all__ = [
+    "RELIEF_QUAD",
     "Budget",
     "CellKey",
     "CellLayers",
@@ -41,6 +42,10 @@ __all__ = [
     "Technique",
     "Work",
 ]
+
+
+RELIEF_QUAD = 16
+"""Texels from node to node of a relief's grid: smaller quads cost more to draw than they gain."""
 
 
 class CellKey(NamedTuple):
@@ -90,13 +95,23 @@ class ReliefPart:
     """What was captured as ``view``, into its image at ``corner`` (x, y; texels from the upper left).
 
     ``moved`` (4, 4) is world now from world then, for what has moved since and took its picture along; None where nothing did.
-    Where no texel near tells a depth, the relief has that of ``filling``, metres along the axis of ``view``.
+    Where no texel near tells a depth, the relief has that of ``filling``, metres along the axis of ``view``. ``spans``
+    (columns, 2) say where something may be in each column of ``RELIEF_QUAD`` texels, of which the last may be narrower: from
+    which row to which; None for everywhere.
     """
 
     view: View
     corner: tuple[int, int]
     filling: float
     moved: NDArray[np.float64] | None = None
+    spans: NDArray[np.int64] | None = None
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """How many columns and rows of quads its relief has, of two triangles each."""
+        _, _, width, height = self.view.window
+        highest = height if self.spans is None else max(int((self.spans[:, 1] - self.spans[:, 0]).max()), 1)
+        return -(-width // RELIEF_QUAD), -(-highest // RELIEF_QUAD)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -245,7 +260,7 @@ def _told_draw(draw: Draw) -> object:
             return "objects", draw.key
         case Relief():
             parts = [
-                (_told_view(one.view), one.corner, one.filling, None if one.moved is None else one.moved.tobytes())
+                (_told_view(one.view), one.corner, one.filling, _told_array(one.moved), _told_array(one.spans))
                 for one in draw.parts
             ]
             return "relief", draw.image, parts
@@ -255,3 +270,7 @@ def _told_draw(draw: Draw) -> object:
 
 def _told_view(view: View) -> object:
     return view.eye_from_world.tobytes(), view.focal, view.window
+
+
+def _told_array(array: NDArray[np.generic] | None) -> bytes | None:
+    return None if array is None else array.tobytes()

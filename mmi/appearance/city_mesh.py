@@ -29,7 +29,7 @@ from mmi.city.model import PAINTED, City
 from mmi.city.outlines import outlines_of
 from mmi.city.triangulate import triangulate
 
-__all__ = ["CityMesh", "build_city_mesh", "mesh_of", "triangles_of"]
+__all__ = ["CityMesh", "build_city_mesh", "mesh_of", "object_boxes", "triangles_of"]
 
 _FLOATING = 1.0  # metres above ground from which a prism is a bridge or a bay: no doors, but an underside
 _BLIND = 1.5  # metres below which a wall has no room for a window
@@ -147,6 +147,18 @@ def triangles_of(mesh: CityMesh, objects: ArrayLike) -> NDArray[np.int32]:
     """(m, 3) the triangles of some objects, still as indices into all of the mesh's vertices."""
     rows, _ = _ranges(mesh.object_triangles, np.asarray(objects, dtype=np.int64).reshape(-1))
     return mesh.triangles[rows]
+
+
+def object_boxes(mesh: CityMesh) -> NDArray[np.float64]:
+    """(k, 2, 3) the lowest and the highest coordinates of each object, metres; NaN for one without vertices."""
+    boxes = np.full((len(mesh.triangle_counts), 2, 3), np.nan)
+    filled = np.diff(mesh.object_vertices) > 0
+    if filled.any():
+        starts = mesh.object_vertices[:-1][filled]
+        for row, of in enumerate((np.minimum, np.maximum)):
+            boxes[filled, row] = of.reduceat(mesh.positions, starts, axis=0)
+    boxes.setflags(write=False)
+    return boxes
 
 
 # ------------------------------------------------------------------------------------------------ walls and caps

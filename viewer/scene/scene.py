@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mmi.appearance.city_mesh import CityMesh
+from mmi.appearance.city_mesh import CityMesh, object_boxes
 from mmi.appearance.ground_mesh import tile_bounds
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.city.terrain import Terrain
@@ -51,7 +51,10 @@ class CellContents:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WalkScene:
-    """What techniques know of a dataset. ``name`` stands for it in plans; ``objects`` maps ids to places in ``mesh``."""
+    """What techniques know of a dataset. ``name`` stands for it in plans; ``objects`` maps ids to places in ``mesh``.
+
+    ``boxes`` (n, 2, 3) are the lowest and the highest coordinates of the mesh's objects, NaN for one without triangles.
+    """
 
     name: str
     dataset: Dataset
@@ -61,6 +64,7 @@ class WalkScene:
     terrain: Terrain | None
     ground_height: float
     tiles: NDArray[np.float64]
+    boxes: NDArray[np.float64]
     whereabouts: Whereabouts
     objects: Mapping[str, int]
 
@@ -136,6 +140,7 @@ def open_scene(dataset: Dataset, *, name: str, like: WalkScene | None = None) ->
         terrain=terrain,
         ground_height=manifest.city.ground,
         tiles=tile_bounds(ground) if like is None else like.tiles,
+        boxes=object_boxes(mesh) if like is None else like.boxes,
         whereabouts=Whereabouts(cells, {entry.id: entry.neighbours for entry in manifest.cells}),
         objects=objects,
     )

@@ -3,6 +3,7 @@
 full, visible, local      geometry only                                     (viewer.techniques.geometry)
 single-mesh               the same city and parameters, one layer a view; built where it is not there yet
 multi-mesh                the dataset that is compared                      (viewer.techniques.layered)
+multi-mesh-dynamic        the same, layers captured again while time allows (viewer.techniques.dynamic)
 
 A technique of one's own needs no entry here: ``package.module:function`` names a function that is called with the scene of the
 dataset that is compared and returns a technique (:mod:`mmi.foundation.plug_ins`).
@@ -20,6 +21,7 @@ from mmi.foundation.errors import ParameterError
 from mmi.foundation.plug_ins import PlugIn, names_plug_in, own_mistakes, plug_in
 from viewer.plan import Budget, Plan, Technique
 from viewer.scene.scene import WalkScene
+from viewer.techniques.dynamic import DynamicImpostors
 from viewer.techniques.geometry import CellGeometry, FullGeometry
 from viewer.techniques.layered import LayeredImpostors
 
@@ -58,6 +60,7 @@ TECHNIQUES: Mapping[str, TechniqueEntry] = MappingProxyType(
             TechniqueEntry("local", lambda scene, _: CellGeometry(scene, "local")),
             TechniqueEntry("single-mesh", lambda scene, fade: LayeredImpostors(scene, fade=fade), "single-mesh", True),
             TechniqueEntry("multi-mesh", lambda scene, fade: LayeredImpostors(scene, fade=fade), layered=True),
+            TechniqueEntry("multi-mesh-dynamic", lambda scene, fade: DynamicImpostors(scene, fade=fade), layered=True),
         )
     }
 )

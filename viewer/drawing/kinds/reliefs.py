@@ -6,6 +6,9 @@ and each fragment takes the depth of the very point that its texel captured. So 
 its texel's depth what it hides. A node of the grid has the mean inverse depth of the texels around it, since that is linear
 in planes, or where there are none, of the nearest ones that a few samples find.
 
+The grid is bent to between the highest and the lowest that was captured in each of its columns, as far as that is known, since
+drawing nothing takes as long as drawing something.
+
 Silhouettes are those of coverage, which is filtered and so reaches half a texel farther than it is likely to be: between two
 houses that touch and were captured in different pictures, no background shows. Seen from where it was captured a texel is a
 pixel, and nothing is filtered.
@@ -22,27 +25,23 @@ from numpy.typing import NDArray
 from mmi.foundation.camera import View
 from viewer.drawing.images import Images
 from viewer.drawing.programs import MODES, Programs
-from viewer.plan import Relief, ReliefPart
+from viewer.plan import RELIEF_QUAD, Relief, ReliefPart
 
-__all__ = ["QUAD", "ReliefsDrawer", "relief_triangles"]
+__all__ = ["ReliefsDrawer"]
 
-QUAD = 8
-"""Texels from node to node of the grid."""
-_ROWS = 5
-"""Texels of four numbers that say what the shaders need to know of a part."""
+_TEXELS = 5
+"""Texels of four numbers that say where a part is; those of its spans come after them."""
 _SAMPLE_ALPHA_TO_COVERAGE = 0x809E
 _MOST_GRIDS = 64
-_COMMON = """
+_VERTEX = """
 uniform sampler2D depths;  // captured, along the axis; 0 where nothing is
-uniform sampler2D parts;   // a row each: three rows of the eye's frame from the capture's, focal left top filling, corner size
-"""
-_VERTEX = (
-    _COMMON
-    + """
-uniform int columns;
+uniform sampler2D parts;   // a row each: three rows of the eye's frame from the capture's, focal left top filling, corner size,
+                           // and for each two nodes of a row where their columns begin and end
+uniform ivec2 grid;        // columns and rows
 out vec3 at;               // texel coordinates in the part times depth in the capture, and that: linear in space
 out vec3 here;             // in the eye's frame
-flat out int part;
+flat out vec4 place;       // corner and size in the image
+flat out vec3 eyes;        // where it was captured from, in the eye's frame
 const ivec2 AROUND[8] = ivec2[8](ivec2(1, 0), ivec2(-1, 0), ivec2(0, 1), ivec2(0, -1),
                                  ivec2(1, 1), ivec2(-1, 1), ivec2(1, -1), ivec2(-1, -1));
 float nearness(ivec2 texel, ivec2 size, ivec2 corner) {
@@ -51,16 +50,21 @@ float nearness(ivec2 texel, ivec2 size, ivec2 corner) {
     return depth > 0.0 ? 1.0 / depth : 0.0;
 }
 void main() {
-    part = gl_InstanceID;
-    vec4 seen = texelFetch(parts, ivec2(3, part), 0), place = texelFetch(parts, ivec2(4, part), 0);
+    vec4 x = texelFetch(parts, ivec2(0, gl_InstanceID), 0), y = texelFetch(parts, ivec2(1, gl_InstanceID), 0);
+    vec4 z = texelFetch(parts, ivec2(2, gl_InstanceID), 0), seen = texelFetch(parts, ivec2(3, gl_InstanceID), 0);
+    place = texelFetch(parts, ivec2(4, gl_InstanceID), 0);
+    eyes = vec3(x.w, y.w, z.w);
     ivec2 corner = ivec2(place.xy), size = ivec2(place.zw);
-    ivec2 node = min(QUAD * ivec2(gl_VertexID % columns, gl_VertexID / columns), size);
+    int column = gl_VertexID % (grid.x + 1), row = gl_VertexID / (grid.x + 1);
+    vec4 pair = texelFetch(parts, ivec2(5 + column / 2, gl_InstanceID), 0);
+    vec2 span = (column & 1) == 0 ? pair.xy : pair.zw;
+    ivec2 node = ivec2(min(QUAD * column, size.x), int(span.x + floor((span.y - span.x) * float(row) / float(grid.y) + 0.5)));
     float sum = 0.0, count = 0.0;
     for (int k = 0; k < 4; ++k) {
         float one = nearness(node - ivec2(k & 1, k >> 1), size, corner);
         sum += one; count += sign(one);
     }
-    for (int reach = 2; reach <= QUAD && count == 0.0; reach += 2)
+    for (int reach = 2; reach <= QUAD && count == 0.0; reach *= 2)
         for (int k = 0; k < 8; ++k) {
             float one = nearness(node + reach * AROUND[k], size, corner);
             sum += one; count += sign(one);
@@ -69,60 +73,49 @@ void main() {
     vec2 texel = vec2(node);
     vec4 p = vec4((seen.y + texel.x) / seen.x * depth, -(seen.z + texel.y) / seen.x * depth, -depth, 1.0);
     at = vec3(texel * depth, depth);
-    here = vec3(dot(texelFetch(parts, ivec2(0, part), 0), p), dot(texelFetch(parts, ivec2(1, part), 0), p),
-                dot(texelFetch(parts, ivec2(2, part), 0), p));
+    here = vec3(dot(x, p), dot(y, p), dot(z, p));
     gl_Position = project(here);
 }
 """
-)
-_FRAGMENT = (
-    _COMMON
-    + """
+_FRAGMENT = """
 uniform sampler2D picture;
-in vec3 at; in vec3 here; flat in int part;
+uniform sampler2D depths;
+in vec3 at; in vec3 here;
+flat in vec4 place; flat in vec3 eyes;
 #ifdef MEASURED
 uniform isampler2D ids;
 #endif
 const float LEAST = 0.0625;  // of coverage
 void main() {
-    vec4 place = texelFetch(parts, ivec2(4, part), 0);
-    ivec2 corner = ivec2(place.xy), size = ivec2(place.zw);
-    vec2 texel = clamp(at.xy / at.z, vec2(0.5), vec2(size) - 0.5);
-    vec4 color = texture(picture, (vec2(corner) + texel) / vec2(textureSize(picture, 0)));
+    vec2 texel = clamp(at.xy / at.z, vec2(0.5), place.zw - 0.5) + place.xy;
+    ivec2 nearest = ivec2(texel);
+    vec4 color = texture(picture, texel / vec2(textureSize(picture, 0)));
+    float captured = texelFetch(depths, nearest, 0).r;
     if (color.a < LEAST) discard;
-    color.rgb /= color.a;
-    ivec2 nearest = min(ivec2(texel), size - 1);
-    float captured = texelFetch(depths, corner + nearest, 0).r;
-    if (captured <= 0.0) {  // the filter reaches half a texel beyond the silhouette
-        float closest = 1e9;
-        ivec2 middle = nearest;
-        for (int k = 0; k < 9; ++k) {
-            ivec2 other = clamp(middle + ivec2(k % 3, k / 3) - 1, ivec2(0), size - 1);
-            float depth = texelFetch(depths, corner + other, 0).r;
-            vec2 off = vec2(other) + 0.5 - texel;
-            if (depth > 0.0 && dot(off, off) < closest) { closest = dot(off, off); captured = depth; nearest = other; }
-        }
-        if (captured <= 0.0) discard;
-    }
-    vec3 eyes = vec3(texelFetch(parts, ivec2(0, part), 0).w, texelFetch(parts, ivec2(1, part), 0).w,
-                     texelFetch(parts, ivec2(2, part), 0).w);  // the capture's eye
-    vec3 surface = eyes + captured / at.z * (here - eyes);
+    float stretch = captured > 0.0 ? captured / at.z : 1.0;  // the filter reaches half a texel beyond the silhouette
+    vec3 surface = eyes + stretch * (here - eyes);
     float shown = max(-surface.z, clip.x);
     gl_FragDepth = (clip.y - clip.y * clip.x / shown) / (clip.y - clip.x);
 #ifdef COVERAGE
-    color_out = vec4(color.rgb, clamp((color.a - 0.5) / max(fwidth(color.a), 1e-4) + 0.5, 0.0, 1.0));
+    color_out = vec4(color.rgb / color.a, clamp((color.a - 0.5) / max(fwidth(color.a), 1e-4) + 0.5, 0.0, 1.0));
     if (color_out.a <= 0.0) discard;
 #else
-    color_out = vec4(color.rgb, 1.0);
+    color_out = vec4(color.rgb / color.a, 1.0);
 #endif
 #ifdef MEASURED
-    id_out = texelFetch(ids, corner + nearest, 0).r;
+    float closest = captured > 0.0 ? 0.0 : 1e9;
+    ivec2 covered = nearest;
+    for (int k = 0; k < 9; ++k) {
+        ivec2 other = clamp(nearest + ivec2(k % 3, k / 3) - 1, ivec2(place.xy), ivec2(place.xy + place.zw) - 1);
+        vec2 off = vec2(other) + 0.5 - texel;
+        if (dot(off, off) < closest && texelFetch(depths, other, 0).r > 0.0) { closest = dot(off, off); covered = other; }
+    }
+    id_out = texelFetch(ids, covered, 0).r;
     vec3 a = normalize(here), b = normalize(surface);
     surface_out = vec2(shown, atan(length(cross(a, b)), dot(a, b)));
 #endif
 }
 """
-)
 
 
 class ReliefsDrawer:
@@ -130,7 +123,7 @@ class ReliefsDrawer:
 
     def __init__(self, programs: Programs, images: Images) -> None:
         self._context, self._images, self._smooth = programs.context, images, programs.smooth
-        vertex = _VERTEX.replace("QUAD", str(QUAD))
+        vertex = _VERTEX.replace("QUAD", str(RELIEF_QUAD))
         self._programs = programs.make(vertex, _FRAGMENT)
         self._grids: dict[tuple[int, int], tuple[Any, dict[bool, Any]]] = {}
         self._parts: Any = None
@@ -140,27 +133,32 @@ class ReliefsDrawer:
         if not draw.parts:
             return []
         image = self._images[draw.image]
-        for unit, texture in enumerate((image.color, image.depth, image.ids, self._told(draw, view))):
+        columns, rows = np.max([part.grid for part in draw.parts], axis=0).tolist()
+        for unit, texture in enumerate((image.color, image.depth, image.ids, self._told(draw, view, columns))):
             texture.use(unit)
-        sizes = np.array([part.view.window[2:] for part in draw.parts])
-        columns, rows = (-(-sizes.max(axis=0) // QUAD)).tolist()
         if self._smooth(measured):
             self._context.enable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
-        self._programs[measured].set({"columns": np.int32(columns + 1).tobytes()})
+        self._programs[measured].set({"grid": np.array([columns, rows], dtype="i4").tobytes()})
         self._grid(columns, rows)[measured].render(moderngl.TRIANGLES, instances=len(draw.parts))
         if self._smooth(measured):
             self._context.disable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
         return [2 * columns * rows * len(draw.parts)]
 
-    def _told(self, draw: Relief, view: View) -> Any:  # noqa: ANN401
-        """The texture that says where the parts are."""
-        values = np.array([_row(part, view) for part in draw.parts], dtype="<f4")
-        if self._parts is None or self._parts.height < len(values):
+    def _told(self, draw: Relief, view: View, columns: int) -> Any:  # noqa: ANN401
+        """The texture that says where the parts are, which have at most so many ``columns``."""
+        width, height = _TEXELS + columns // 2 + 1, len(draw.parts)
+        if self._parts is None or self._parts.width < width or self._parts.height < height:
             if self._parts is not None:
                 self._parts.release()
-            self._parts = self._context.texture((_ROWS, 2 * len(values)), 4, dtype="f4")
+            self._parts = self._context.texture((2 * width, 2 * height), 4, dtype="f4")
             self._parts.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._parts.write(values.tobytes(), viewport=(0, 0, _ROWS, len(values)))
+        values = np.zeros((height, 4 * width), dtype="<f4")
+        for row, part in zip(values, draw.parts, strict=True):
+            row[: 4 * _TEXELS] = _row(part, view)
+            spans = _node_spans(part)
+            row[4 * _TEXELS : 4 * _TEXELS + spans.size] = spans.ravel()
+            row[4 * _TEXELS + spans.size :] = np.resize(spans[-1], 4 * width - 4 * _TEXELS - spans.size)
+        self._parts.write(values.tobytes(), viewport=(0, 0, width, height))
         return self._parts
 
     def _grid(self, columns: int, rows: int) -> dict[bool, Any]:
@@ -181,11 +179,6 @@ class ReliefsDrawer:
         return found[1]
 
 
-def relief_triangles(size: tuple[int, int]) -> int:
-    """The triangles of a part of ``size`` (width, height)."""
-    return 2 * -(-size[0] // QUAD) * -(-size[1] // QUAD)
-
-
 def _row(part: ReliefPart, view: View) -> NDArray[np.float64]:
     """(20,) what the shaders need to know of a part."""
     world_from_capture = part.view.world_from_eye if part.moved is None else part.moved @ part.view.world_from_eye
@@ -194,6 +187,14 @@ def _row(part: ReliefPart, view: View) -> NDArray[np.float64]:
     return np.concatenate(
         [eye_from_capture[:3].ravel(), [part.view.focal, left, top, part.filling], [*part.corner, width, height]]
     )
+
+
+def _node_spans(part: ReliefPart) -> NDArray[np.int64]:
+    """(columns + 1, 2) where columns of nodes begin and end: as far as either of the two columns of quads beside them."""
+    columns, _ = part.grid
+    spans = np.tile([[0, part.view.window[3]]], (columns, 1)) if part.spans is None else part.spans
+    nodes = np.pad(spans, ((1, 1), (0, 0)), mode="edge")
+    return np.column_stack([np.minimum(nodes[:-1, 0], nodes[1:, 0]), np.maximum(nodes[:-1, 1], nodes[1:, 1])])
 
 
 def _grid_triangles(columns: int, rows: int) -> NDArray[np.int32]:

@@ -1,0 +1,338 @@
+"""Impostor layers that are captured again at run time, in order of error angle, while frame time allows (paper section 5.5).
+
+What is captured again is a layer of a sector: its objects, as the viewer sees them now, through the frame's own projection, so
+that for a viewer who stands still a texel is a pixel. The picture is drawn as a relief (:class:`viewer.plan.Relief`) in place
+of the stored layer as long as its error angle is below both the stored layer's and the bound that the dataset was built for,
+and it covers what the view shows of the layer; when it does no longer, the stored layer is there. What fits into a frame the
+budget's costs tell: the frame that draws as it does now is predicted, and what is left of it goes to the layers of the largest
+error angles, the nearest first among equals. A layer that takes longer is captured in pieces over several frames, and
+replaces what is shown when it is whole.
+
+With a budget of nothing for updates the plans are those of ``multi-mesh``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mmi.foundation.camera import View
+from mmi.foundation.errors import ParameterError
+from viewer.plan import Budget, CellLayers, Costs, Draw, Ground, ImageKey, Plan, ReliefPart, Request, Slot
+from viewer.scene.scene import WalkScene
+from viewer.techniques.layered import LayeredImpostors
+from viewer.techniques.updates import CapturedLayer, LayerUnit, Piece, capture_window, layer_units, spans_of
+
+__all__ = ["ORDERS", "Candidate", "DynamicImpostors"]
+
+_WORTH_PX = 0.5
+"""While the viewer moves, a layer whose error angle covers fewer pixels is left as it is."""
+_MARGIN = 32
+"""Pixels beyond the view that a capture has, for a viewer who turns; and as much as it turns in so many frames:"""
+_FORESEEN = 8
+_WIDEST_MARGIN = 192
+
+
+class Candidate(NamedTuple):
+    """A layer that may be captured again: its place among the cell's, its error angle now, and how near it is, metres."""
+
+    unit: int
+    error: float
+    depth: float
+    asked: int
+    """The number of the frame in which it was last captured, -1 for never."""
+
+
+_Order = Callable[[Sequence[Candidate], int], Sequence[Candidate]]
+
+
+def _by_error(some: Sequence[Candidate], _: int) -> Sequence[Candidate]:
+    return sorted(some, key=lambda one: (-one.error, one.depth, one.unit))
+
+
+def _front_to_back(some: Sequence[Candidate], _: int) -> Sequence[Candidate]:
+    return sorted(some, key=lambda one: (one.depth, one.unit))
+
+
+def _round_robin(some: Sequence[Candidate], _: int) -> Sequence[Candidate]:
+    return sorted(some, key=lambda one: (one.asked, one.unit))
+
+
+def _at_random(some: Sequence[Candidate], frame: int) -> Sequence[Candidate]:
+    return [some[i] for i in np.random.default_rng([frame, 16]).permutation(len(some))]
+
+
+ORDERS: Mapping[str, _Order] = MappingProxyType(
+    {"error-angle": _by_error, "front-to-back": _front_to_back, "round-robin": _round_robin, "random": _at_random}
+)
+"""In what order layers are captured again. The paper's is by error angle; the others are what it is measured against."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pending:
+    """A capture that is not whole yet: what it will be, and pieces that are still to be drawn."""
+
+    layer: CapturedLayer
+    left: tuple[Piece, ...]
+
+
+@dataclass(slots=True, eq=False)
+class _Place:
+    """The cell that the viewer is in, and what was captured of its layers; units by their place in ``units``."""
+
+    name: str
+    units: tuple[LayerUnit, ...]
+    reference: NDArray[np.float64]
+    near_triangles: int
+    captured: dict[int, CapturedLayer]
+    pending: dict[int, _Pending]
+    asked: dict[int, int]
+
+
+class DynamicImpostors:
+    """Near geometry, and for the rest stored layers or, where there was time, layers as they are seen from here.
+
+    ``fade`` is that of :class:`viewer.techniques.layered.LayeredImpostors`, ``order`` one of :data:`ORDERS`. Raises
+    ParameterError for an unknown order.
+    """
+
+    name = "multi-mesh-dynamic"
+
+    def __init__(self, scene: WalkScene, *, fade: float = 0.0, order: str = "error-angle") -> None:
+        if order not in ORDERS:
+            raise ParameterError(f"order {order!r}: one of {', '.join(ORDERS)} expected")
+        self._scene, self._order = scene, ORDERS[order]
+        self._stored = LayeredImpostors(scene, fade=fade)
+        self._limit = scene.parameters.max_angle
+        self._worth = scene.camera.angle_from_pixels(_WORTH_PX)
+        self._place: _Place | None = None
+        self._last: View | None = None
+        self._frame = 0
+
+    def plan(self, view: View, *, now: float, budget: Budget) -> Plan:
+        """Draw the viewer's cell, and capture what is most wrong of it as far as the budget allows."""
+        stored = self._stored.plan(view, now=now, budget=budget)
+        last, self._last = self._last, view
+        self._frame += 1
+        drops = self._move_to(stored.place)
+        place = self._place
+        if budget.updates <= 0.0 or place is None:
+            return replace(stored, drops=(*drops, *self._forget()))
+        layers = next(draw for draw in stored.draws if isinstance(draw, CellLayers))
+        names = set(layers.names)
+        seen = [i for i, unit in enumerate(place.units) if not names.isdisjoint(unit.pictures)]
+        absent = [i for i in seen if capture_window(view, place.units[i].corners, margin=0) is None]
+        seen = [i for i in seen if i not in absent]
+        errors = {i: self._error(place.units[i], place.reference, view.eye) for i in seen}
+        drops += self._expire(place, view)
+        shown = self._valid(place, view, seen, errors)
+        still = last is None or np.array_equal(last.eye_from_world, view.eye_from_world)
+        candidates = [
+            Candidate(i, errors[i], place.units[i].depth, place.asked.get(i, -1))
+            for i in seen
+            if not (i in shown and shown[i].aligned(view)) and (still or errors[i] > self._worth)
+        ]
+        margin = _MARGIN if last is None else _margin(last, view)
+        left = min(budget.updates, budget.frame - self._predicted(stored, place, seen, shown, budget))
+        requests, fresh, gone = self._update(place, view, candidates, margin, left, budget, moves=not still)
+        shown |= {i: place.captured[i] for i in fresh}
+        draws = _composed(stored.draws, place.units, absent, shown)
+        return replace(stored, draws=draws, requests=requests, drops=(*drops, *gone))
+
+    # ------------------------------------------------------------------------------------------------ what is valid
+
+    def _move_to(self, name: str) -> tuple[ImageKey, ...]:
+        """Come to a cell; the images of the one before are not needed any more."""
+        if self._place is not None and self._place.name == name:
+            return ()
+        drops = self._forget()
+        entry = self._scene.dataset.cell(name)
+        near = [self._scene.objects[one] for one in entry.near]
+        self._place = _Place(
+            name=name,
+            units=layer_units(self._scene, name),
+            reference=np.array(entry.reference),
+            near_triangles=int(self._scene.mesh.triangle_counts[near].sum()),
+            captured={},
+            pending={},
+            asked={},
+        )
+        return drops
+
+    def _forget(self) -> tuple[ImageKey, ...]:
+        """Forget all that was captured: the images to drop."""
+        place = self._place
+        if place is None:
+            return ()
+        images = [one.image for one in place.captured.values()] + [one.layer.image for one in place.pending.values()]
+        place.captured.clear()
+        place.pending.clear()
+        return tuple(images)
+
+    def _error(self, unit: LayerUnit, captured: NDArray[np.float64], eye: NDArray[np.float64]) -> float:
+        """The error angle of a layer that was captured from ``captured``, seen from ``eye``."""
+        moved = float(np.linalg.norm(eye - captured))
+        if moved == 0.0 or not len(unit.low):
+            return 0.0
+        near = np.linalg.norm(np.clip(captured, unit.low, unit.high) - captured, axis=1)
+        far = np.linalg.norm(np.maximum(np.abs(unit.low - captured), np.abs(unit.high - captured)), axis=1)
+        if near.min() <= moved:
+            return math.pi
+        sine = moved * (far - near) / ((near - moved) * (far - moved))
+        return float(np.arcsin(min(float(sine.max()), 1.0)))
+
+    def _expire(self, place: _Place, view: View) -> tuple[ImageKey, ...]:
+        """Forget captures whose error angle has passed the bound, wherever they are."""
+        gone = []
+        for i, one in list(place.captured.items()):
+            if self._error(place.units[i], one.view.eye, view.eye) >= self._limit:
+                gone.append(place.captured.pop(i).image)
+        for i, pending in list(place.pending.items()):
+            if self._error(place.units[i], pending.layer.view.eye, view.eye) >= self._limit:
+                gone.append(place.pending.pop(i).layer.image)
+        return tuple(gone)
+
+    def _valid(
+        self, place: _Place, view: View, seen: Sequence[int], errors: dict[int, float]
+    ) -> dict[int, CapturedLayer]:
+        """What is shown as it was captured; ``errors`` becomes the error angle of what is shown of each layer."""
+        shown = {}
+        for i in seen:
+            one = place.captured.get(i)
+            if one is None or not one.covers(view):
+                continue
+            error = self._error(place.units[i], one.view.eye, view.eye)
+            if error <= errors[i]:
+                errors[i] = error
+                shown[i] = one
+        return shown
+
+    # ----------------------------------------------------------------------------------------------- what is captured
+
+    def _predicted(
+        self, stored: Plan, place: _Place, seen: Sequence[int], shown: Mapping[int, CapturedLayer], budget: Budget
+    ) -> float:
+        """Seconds that the frame is predicted to take without updates."""
+        triangles = place.near_triangles
+        for i in seen:
+            triangles += shown[i].triangles if i in shown else place.units[i].stored_triangles
+        for draw in stored.draws:
+            if isinstance(draw, Ground):
+                triangles += int(self._scene.ground.triangle_counts[list(draw.tiles)].sum())
+        return budget.costs.of_draws(triangles=triangles, draws=6 + len(shown))
+
+    def _update(
+        self,
+        place: _Place,
+        view: View,
+        candidates: Sequence[Candidate],
+        margin: int,
+        left: float,
+        budget: Budget,
+        *,
+        moves: bool,
+    ) -> tuple[tuple[Request, ...], list[int], list[ImageKey]]:
+        """Requests that fit into ``left`` seconds, the layers that are whole with them, and images that they replace."""
+        requests: list[Request] = []
+        fresh: list[int] = []
+        gone: list[ImageKey] = []
+        most = min(budget.updates, budget.frame)
+        for one in self._order(candidates, self._frame):
+            unit, pending = place.units[one.unit], place.pending.get(one.unit)
+            if pending is not None and not (pending.layer.covers(view) if moves else pending.layer.aligned(view)):
+                gone.append(place.pending.pop(one.unit).layer.image)
+                pending = None
+            begun = pending or self._begun(unit, view, margin)
+            asked, waiting, cost, least = _fitting(begun, unit, left, budget.costs)
+            left -= cost
+            requests += asked
+            if waiting:
+                if asked or pending is not None:
+                    place.pending[one.unit] = replace(begun, left=waiting)
+                elif least > most:  # it never fits, and others may
+                    continue
+                break
+            place.pending.pop(one.unit, None)
+            if one.unit in place.captured:
+                gone.append(place.captured[one.unit].image)
+            place.captured[one.unit], place.asked[one.unit] = begun.layer, self._frame
+            fresh.append(one.unit)
+        return tuple(requests), fresh, gone
+
+    def _begun(self, unit: LayerUnit, view: View, margin: int) -> _Pending:
+        """A capture of a layer as the viewer sees it now, of which nothing is there yet."""
+        place = capture_window(view, unit.corners, margin=margin)
+        assert place is not None, "what is not in the view is no candidate"
+        nearest = np.linalg.norm(np.clip(view.eye, unit.low, unit.high) - view.eye, axis=1).min()
+        image = ImageKey(self.name, f"{unit.name} {self._frame}")
+        seen = view.cropped(place.window)
+        part = ReliefPart(seen, (0, 0), max(unit.depth, 1.0), spans=spans_of(seen, unit.corners))
+        layer = CapturedLayer(image, part, place, float(nearest))
+        return _Pending(layer, unit.pieces)
+
+
+def _fitting(
+    pending: _Pending, unit: LayerUnit, left: float, costs: Costs
+) -> tuple[list[Request], tuple[Piece, ...], float, float]:
+    """Requests for what is left of a capture that fit into ``left`` seconds; the pieces that do not; and seconds.
+
+    The seconds are those of the requests, and those of the first one that does not fit.
+    """
+    whole = _request(pending.layer, unit, pending.left)
+    cost = 0.0 if whole is None else _cost(whole, pending.left, costs)
+    if cost <= left:
+        return [] if whole is None else [whole], (), cost, 0.0
+    asked: list[Request] = []
+    spent = 0.0
+    for done, piece in enumerate(pending.left):
+        request = _request(pending.layer, unit, (piece,))
+        cost = 0.0 if request is None else _cost(request, (piece,), costs)
+        if spent + cost > left:
+            return asked, pending.left[done:], spent, cost
+        spent += cost
+        asked += [] if request is None else [request]
+    return asked, (), spent, 0.0
+
+
+def _request(layer: CapturedLayer, unit: LayerUnit, pieces: Sequence[Piece]) -> Request | None:
+    """The order to draw some pieces of a layer into its image; None where none of them is to be seen."""
+    rows = np.concatenate([piece.rows for piece in pieces])
+    place = capture_window(layer.view, unit.corners[rows], margin=0)
+    if place is None:
+        return None
+    left, top, width, height = layer.view.window
+    corner = (place.window[0] - left, place.window[1] - top)
+    into = Slot(layer.image, (width, height), corner)
+    return Request(into, layer.view.cropped(place.window), tuple(piece.draw for piece in pieces), clear=False)
+
+
+def _cost(request: Request, pieces: Sequence[Piece], costs: Costs) -> float:
+    _, _, width, height = request.view.window
+    triangles = sum(piece.triangles for piece in pieces)
+    return costs.of_request(triangles=triangles, draws=len(pieces), pixels=width * height)
+
+
+def _composed(
+    draws: Sequence[Draw], units: Sequence[LayerUnit], absent: Sequence[int], shown: Mapping[int, CapturedLayer]
+) -> tuple[Draw, ...]:
+    """``draws`` with captured layers in the place of stored ones, the nearest first, and without those that are not seen."""
+    replaced = {name for i in (*absent, *shown) for name in units[i].pictures}
+    found: list[Draw] = []
+    for draw in draws:
+        if isinstance(draw, CellLayers):
+            found += [one.draw for one in sorted(shown.values(), key=lambda one: (one.depth, one.image))]
+            draw = CellLayers(draw.cell, tuple(name for name in draw.names if name not in replaced))
+        found.append(draw)
+    return tuple(found)
+
+
+def _margin(last: View, view: View) -> int:
+    """Pixels beyond the view that a capture should have for a viewer who turns as it did since the ``last`` frame."""
+    cosine = float(np.clip(last.eye_from_world[2, :3] @ view.eye_from_world[2, :3], -1.0, 1.0))
+    return min(_MARGIN + math.ceil(_FORESEEN * math.acos(cosine) * view.focal), _WIDEST_MARGIN)
