@@ -22,7 +22,7 @@ FLOORS = {
         "city gltf",
         "reading appearance cells",
         "writing visibility",
-        "parallax",
+        "parallax validity",
         "planning capture",
         "meshing",
         "dataset",
