@@ -1,19 +1,26 @@
-"""The program ``citygen``: a preset in, a city in files out, one line for every mistake, exit status 0, 2 or 130."""
+"""The program ``citygen``: a preset in, a city in files out, one line for every mistake, exit status 0, 2 or 130.
+
+``citygen traffic --city`` writes vehicles for a city that is there already.
+"""
 
 from __future__ import annotations
 
 import argparse
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from citygen.presets import PRESETS
 from mmi.city.model import City, CityObject
 from mmi.foundation.errors import CityError, ParameterError
+from mmi.foundation.progress import Progress
 from mmi.programs.command_line import Parser, ProgressBar, path_option, run_program
+
+if TYPE_CHECKING:
+    from mmi.movers.movers import Movers
 
 __all__ = ["citygen"]
 
@@ -21,14 +28,20 @@ _SUFFIXES = (".json", ".jsonl", ".glb")
 _LARGE = 20_000
 """A metropolis of more buildings is written to its file district by district."""
 _VEHICLES, _SECONDS = 60, 60.0
+_MOST_VEHICLES, _MOST_SECONDS = 100_000, 3600.0
+_MOST_POSES = 50_000_000
+"""Of all vehicles together, ten a second; four gigabytes while they drive."""
+_EXACT = 0.02
+"""Metres by which a vehicle may be off where poses are left out of its file."""
 _EXAMPLE = """\
 examples:
   citygen hamlet -o out/hamlet.json
   citygen montmartre --seed 7 -o out/montmartre.json -o out/montmartre.glb
   citygen metropolis --buildings 100000 -o out/metropolis.jsonl
+  citygen traffic --city examples/helsinki/helsinki.osm.pbf --vehicles 300 -o out/helsinki.traffic.json
 
 The suffix decides the format: .json CityJSON 2.0, .jsonl CityJSONSeq, .glb binary glTF. The same preset, seed and options
-give the same city.
+give the same city. traffic writes its vehicles beside the city, as NAME.traffic.json; with --city it writes nothing else.
 """
 
 
@@ -71,6 +84,18 @@ def _parser() -> Parser:
     parser.add_argument(
         "--buildings", type=int, metavar="N", help="how many buildings metropolis has, 1000 to 1000000 (default: 10000)"
     )
+    traffic = parser.add_argument_group("traffic")
+    traffic.add_argument(
+        "--city",
+        type=path_option,
+        metavar="CITY",
+        help="let vehicles drive through this city instead of a generated one: what build-impostors reads, or the folder of a "
+        "dataset, which has the city as its options said",
+    )
+    traffic.add_argument(
+        "--vehicles", type=int, metavar="N", help=f"how many vehicles there are (default: {_VEHICLES})"
+    )
+    traffic.add_argument("--seconds", type=float, metavar="S", help=f"for how long they drive (default: {_SECONDS:g})")
     parser.add_argument("--json", action="store_true", help="print the statistics as JSON on standard output")
     parser.add_argument("--quiet", action="store_true", help="print no progress and no statistics")
     return parser
@@ -117,6 +142,9 @@ def _run(options: argparse.Namespace) -> None:
             print(f"{preset.name:12} {preset.summary}")
         return
     outputs = _checked(options)
+    if options.city is not None:
+        _drive(options, outputs[0])
+        return
     streamed = (options.buildings or 0) > _LARGE
     if streamed and [path.suffix for path in outputs] != [".jsonl"]:
         raise ParameterError(
@@ -136,9 +164,10 @@ def _checked(options: argparse.Namespace) -> list[Path]:
     outputs: list[Path] = options.output or []
     if not outputs:
         raise ParameterError("-o FILE expected, found none")
+    suffixes = _SUFFIXES if options.city is None else (".json",)
     for path in outputs:
-        if path.suffix not in _SUFFIXES:
-            raise ParameterError(f"{path}: a name that ends in {', '.join(_SUFFIXES)} expected, found {path.suffix!r}")
+        if path.suffix not in suffixes:
+            raise ParameterError(f"{path}: a name that ends in {', '.join(suffixes)} expected, found {path.suffix!r}")
         if path.is_dir():
             raise CityError(f"{path}: a file expected, found a folder")
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -154,10 +183,32 @@ def _checked(options: argparse.Namespace) -> list[Path]:
         raise ParameterError(f"--buildings: only metropolis takes a number of buildings, not {options.preset}")
     if options.buildings is not None and not 1_000 <= options.buildings <= 1_000_000:
         raise ParameterError(f"--buildings: 1000 to 1000000 expected, found {options.buildings}")
+    _check_traffic(options, outputs)
     return outputs
 
 
-def _write(options: argparse.Namespace, outputs: list[Path], advance: Callable[[int, int, str], None]) -> _Count:
+def _check_traffic(options: argparse.Namespace, outputs: list[Path]) -> None:
+    """Options of traffic mean something, and only with it."""
+    for name in ("city", "vehicles", "seconds"):
+        if getattr(options, name) is not None and options.preset != "traffic":
+            raise ParameterError(f"--{name}: only traffic takes it, not {options.preset}")
+    if options.city is not None and len(outputs) > 1:
+        raise ParameterError(f"-o: one file for the vehicles expected, found {len(outputs)}")
+    if options.city is not None and options.detail is not None:
+        raise ParameterError("--detail: a city to generate expected, found --city")
+    vehicles = _VEHICLES if options.vehicles is None else options.vehicles
+    seconds = _SECONDS if options.seconds is None else options.seconds
+    if not 1 <= vehicles <= _MOST_VEHICLES:
+        raise ParameterError(f"--vehicles: 1 to {_MOST_VEHICLES} expected, found {vehicles}")
+    if not 0.0 < seconds <= _MOST_SECONDS:
+        raise ParameterError(f"--seconds: more than 0 and up to {_MOST_SECONDS:g} expected, found {seconds:g}")
+    if vehicles * seconds * 10.0 > _MOST_POSES:
+        raise ParameterError(
+            f"--vehicles, --seconds: a product of up to {_MOST_POSES // 10} expected, found {vehicles * seconds:.0f}"
+        )
+
+
+def _write(options: argparse.Namespace, outputs: list[Path], advance: Progress) -> _Count:
     """Generate a city that fits into memory, and write it to all the files."""
     from citygen.generate import generate
     from mmi.writing.cityjson_writer import write_cityjson
@@ -171,21 +222,55 @@ def _write(options: argparse.Namespace, outputs: list[Path], advance: Callable[[
         else:
             write_cityjson(city, path, progress=lambda done, total: advance(done, total, "writing"))
     if options.preset == "traffic":
-        _write_traffic(city, sorted({path.with_suffix(".traffic.json") for path in outputs}), options.seed)
+        advance(0, len(city.objects), "driving")
+        _write_traffic(options, city, sorted({path.with_suffix(".traffic.json") for path in outputs}))
     count = _count(city)
     for _ in count.passing(city.objects):
         pass
     return count
 
 
-def _write_traffic(city: City, paths: Sequence[Path], seed: int) -> None:
-    """Write where vehicles are over time, beside the city's files."""
+def _write_traffic(options: argparse.Namespace, city: City, paths: Sequence[Path]) -> Movers:
+    """Let vehicles drive through ``city``, and write them to all the files."""
     from citygen.traffic.traffic import traffic
-    from mmi.foundation.whole_files import write_whole
+    from mmi.movers.movers_file import write_movers
+    from mmi.movers.thinning import thinned
 
-    text = traffic(city, seed, vehicles=_VEHICLES, seconds=_SECONDS).to_json()
+    vehicles = _VEHICLES if options.vehicles is None else options.vehicles
+    seconds = _SECONDS if options.seconds is None else options.seconds
+    movers = thinned(traffic(city, options.seed, vehicles=vehicles, seconds=seconds), metres=_EXACT)
     for path in paths:
-        write_whole(path, text.encode(), error=CityError)
+        write_movers(movers, path)
+    return movers
+
+
+def _drive(options: argparse.Namespace, path: Path) -> None:
+    """Write vehicles for a city that is there already, and say how many."""
+    with ProgressBar("steps", quiet=options.quiet) as advance:
+        city = _existing(options.city, advance)
+        advance(0, 1, "driving")
+        movers = _write_traffic(options, city, [path])
+    numbers = {
+        "vehicles": len(movers.ids),
+        "poses": len(movers.times),
+        "seconds": round(movers.span[1], 3),
+        "street segments": city.streets.number_of_edges(),
+    }
+    if options.json:
+        print(json.dumps({name.replace(" ", "_"): number for name, number in numbers.items()}))
+    elif not options.quiet:
+        print(", ".join(f"{number:,} {name}" for name, number in numbers.items()))
+
+
+def _existing(path: Path, advance: Progress) -> City:
+    """The city in a file, or the one of a dataset."""
+    from mmi.dataset.reading import open_dataset
+    from mmi.reading.read_city import read_city
+
+    if (path / "manifest.json").is_file():
+        return open_dataset(path).city()
+    city, _ = read_city(path, progress=advance)
+    return city
 
 
 def _count(city: City) -> _Count:
@@ -196,7 +281,7 @@ def _count(city: City) -> _Count:
     return _Count(blocks, len(lines), city.streets.number_of_nodes(), len(city.textures))
 
 
-def _stream(options: argparse.Namespace, outputs: list[Path], advance: Callable[[int, int, str], None]) -> _Count:
+def _stream(options: argparse.Namespace, outputs: list[Path], advance: Progress) -> _Count:
     """Generate a city that may not fit into memory, and write it district by district."""
     import numpy as np
 

@@ -20,7 +20,7 @@ FLOORS = {
     "mmi": (
         "foundation",
         "city gltf",
-        "reading appearance cells",
+        "reading appearance cells movers",
         "writing visibility",
         "parallax validity",
         "planning capture",

@@ -1,4 +1,4 @@
-"""Cars and trucks that drive through a city's streets: where each is at every tenth of a second.
+"""Cars and trucks that drive through a city's streets, generated or real: where each is at every tenth of a second.
 
 They keep to the right, follow what is ahead of them without touching it, and cross a junction one at a time. Streets that
 are too narrow for two lanes, and kinds for people on foot, carry none. Junctions that short streets join count as one.
@@ -7,22 +7,25 @@ Whatever the crowd, two vehicles never overlap on a street: each moves no furthe
 
 from __future__ import annotations
 
-import json
+import itertools
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
 import networkx as nx
 import numpy as np
+import shapely
 import shapely.ops
 from numpy.typing import NDArray
 from shapely.geometry import LineString, Point
+from shapely.geometry.base import BaseGeometry
 
 from citygen.traffic.vehicles import KINDS, vehicle_mesh
-from mmi.city.model import City, TriangleMesh
+from mmi.city.model import City
 from mmi.foundation.errors import CityError
+from mmi.movers.movers import Movers
 
-__all__ = ["STEP", "Traffic", "read_traffic", "traffic"]
+__all__ = ["STEP", "traffic"]
 
 STEP = 0.1
 """Seconds between recorded moments."""
@@ -33,89 +36,14 @@ _GAP = 2.0  # metres kept to the vehicle ahead
 _ACCELERATION, _BRAKING = 1.8, 3.0  # metres a second squared
 _CLEAR = 2.5  # metres before a junction where vehicles wait, and behind it from where they leave it to others
 _IN_JUNCTION = 5.0  # metres a second while turning
-_FORMAT = "mmi-traffic"
 _Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Traffic:
-    """``kinds`` (n,) says which of ``names`` and ``meshes`` each vehicle is; meshes stand on z = 0 and head along +x.
+def traffic(city: City, seed: int, *, vehicles: int, seconds: float) -> Movers:
+    """``vehicles`` that drive about ``city`` for ``seconds``, each with a pose every ``STEP``; the same for the same seed.
 
-    ``times`` (k,) seconds; ``positions`` (k, n, 3) metres, the middle of each on the ground; ``headings`` (k, n) radians,
-    counter-clockwise from +x.
-    """
-
-    names: tuple[str, ...]
-    meshes: tuple[TriangleMesh, ...]
-    kinds: NDArray[np.int64]
-    times: _Floats
-    positions: _Floats
-    headings: _Floats
-
-    def __post_init__(self) -> None:
-        k, n = len(self.times), len(self.kinds)
-        shapes = (self.kinds.shape, self.times.shape, self.positions.shape, self.headings.shape)
-        if shapes != ((n,), (k,), (k, n, 3), (k, n)):
-            raise CityError(
-                f"traffic needs kinds (n,), times (k,), positions (k, n, 3), headings (k, n), found {shapes}"
-            )
-        if len(self.names) != len(self.meshes) or (
-            n and not 0 <= self.kinds.min() <= self.kinds.max() < len(self.names)
-        ):
-            raise CityError(
-                f"traffic needs kinds below {len(self.names)} and a mesh each, found {self.kinds.tolist()[:9]}"
-            )
-        if not all(np.isfinite(one).all() for one in (self.times, self.positions, self.headings)):
-            raise CityError("traffic needs finite times, positions and headings")
-        if (np.diff(self.times) <= 0.0).any():
-            raise CityError("traffic needs times that grow")
-        for one in (self.kinds, self.times, self.positions, self.headings):
-            one.setflags(write=False)
-
-    def to_json(self) -> str:
-        """All but the meshes, which the names stand for, to the centimetre and the milliradian."""
-        return json.dumps(
-            {
-                "format": _FORMAT,
-                "version": 1,
-                "names": list(self.names),
-                "kinds": self.kinds.tolist(),
-                "times": np.round(self.times, 3).tolist(),
-                "positions": np.round(self.positions, 2).tolist(),
-                "headings": np.round(self.headings, 3).tolist(),
-            },
-            separators=(",", ":"),
-        )
-
-
-def read_traffic(text: str) -> Traffic:
-    """What ``Traffic.to_json`` wrote. Raises CityError where it is something else."""
-    try:
-        data: Any = json.loads(text)
-    except json.JSONDecodeError as problem:
-        raise CityError(f"traffic: JSON expected, found {problem}") from problem
-    if not isinstance(data, dict) or data.get("format") != _FORMAT or data.get("version") != 1:
-        raise CityError(f'traffic: an object of format "{_FORMAT}", version 1, expected')
-    known = {kind.name: kind for kind in KINDS}
-    names = data.get("names")
-    if not isinstance(names, list) or not all(isinstance(name, str) and name in known for name in names):
-        raise CityError(f"traffic: names among {', '.join(known)} expected, found {names!r}")
-    try:
-        kinds = np.array(data["kinds"], dtype=np.int64).reshape(-1)
-        times = np.array(data["times"], dtype=np.float64).reshape(-1)
-        positions = np.array(data["positions"], dtype=np.float64).reshape(len(times), len(kinds), 3)
-        headings = np.array(data["headings"], dtype=np.float64).reshape(len(times), len(kinds))
-    except (KeyError, TypeError, ValueError) as problem:
-        raise CityError(
-            f"traffic: kinds, times, positions and headings that fit expected, found {problem}"
-        ) from problem
-    return Traffic(tuple(names), tuple(vehicle_mesh(known[name]) for name in names), kinds, times, positions, headings)
-
-
-def traffic(city: City, seed: int, *, vehicles: int, seconds: float) -> Traffic:
-    """``vehicles`` that drive about ``city`` for ``seconds``; the same for the same seed.
-
-    Raises CityError where the streets have no room for so many.
+    The middle of each is on the ground, to whose slope its pitch and roll fit. Raises CityError where the streets have no room
+    for so many.
     """
     if vehicles < 0 or not seconds >= 0.0:
         raise CityError(f"traffic: vehicles and seconds from 0 on expected, found {vehicles} and {seconds}")
@@ -141,10 +69,39 @@ def traffic(city: City, seed: int, *, vehicles: int, seconds: float) -> Traffic:
         )
         positions[:, i, :2] = middle
         headings[:, i] = np.unwrap(np.arctan2(front[:, 1] - rear[:, 1], front[:, 0] - rear[:, 0]))
-    positions[..., 2] = city.ground_at(positions[..., :2])
     kinds = np.array([driver.kind for driver in drivers], dtype=np.int64)
-    names, meshes = tuple(kind.name for kind in KINDS), tuple(vehicle_mesh(kind) for kind in KINDS)
-    return Traffic(names, meshes, kinds, np.arange(steps, dtype=np.float64) * STEP, positions, headings)
+    times = np.arange(steps, dtype=np.float64) * STEP
+    positions[..., 2] = city.ground_at(positions[..., :2])
+    pitches, rolls = _slopes(city, positions, headings, kinds)
+    return Movers(
+        ids=tuple(f"{KINDS[kind].name}-{i}" for i, kind in enumerate(kinds.tolist())),
+        kinds=kinds,
+        names=tuple(kind.name for kind in KINDS),
+        meshes=tuple(vehicle_mesh(kind) for kind in KINDS),
+        starts=np.arange(vehicles + 1, dtype=np.int64) * steps,
+        times=np.tile(times, vehicles),
+        positions=positions.swapaxes(0, 1).reshape(-1, 3),
+        angles=np.stack([headings, pitches, rolls], axis=-1).swapaxes(0, 1).reshape(-1, 3),
+        stays=np.ones(vehicles, dtype=bool),
+        crs=city.crs,
+        origin=city.origin,
+        source=city.source,
+    )
+
+
+def _slopes(city: City, positions: _Floats, headings: _Floats, kinds: NDArray[np.int64]) -> tuple[_Floats, _Floats]:
+    """Pitch and roll (steps, vehicles), radians, of vehicles on the ground below their axles and their sides."""
+    ahead = np.stack([np.cos(headings), np.sin(headings)], axis=-1)
+    slopes = []
+    for direction, sizes in (
+        (ahead, [0.3 * kind.length for kind in KINDS]),
+        (np.stack([-ahead[..., 1], ahead[..., 0]], axis=-1), [0.5 * kind.width for kind in KINDS]),
+    ):
+        reach = np.array(sizes)[kinds]
+        there, back = (city.ground_at(positions[..., :2] + side * reach[:, None] * direction) for side in (1.0, -1.0))
+        slopes.append((there - back) / (2.0 * reach))
+    pitches = np.arctan(slopes[0])
+    return pitches, np.arctan(slopes[1] * np.cos(pitches))
 
 
 # --------------------------------------------------------------------------------------------------------------- roads
@@ -152,7 +109,7 @@ def traffic(city: City, seed: int, *, vehicles: int, seconds: float) -> Traffic:
 
 @dataclass(slots=True, eq=False)
 class _Lane:
-    """One direction of a street, without the junctions at its ends.
+    """One direction of a street between the nodes ``first`` and ``last``, without the junctions at its ends.
 
     ``queue``: who is on it, if only with the rear, the foremost first; and where the lane ends on their scale.
     """
@@ -162,6 +119,8 @@ class _Lane:
     speed: float
     goal: int
     back: int  # the lane in the other direction
+    first: int
+    last: int
     queue: deque[tuple[_Driver, float]] = field(default_factory=deque)
 
 
@@ -175,8 +134,12 @@ class _Junction:
 
 @dataclass(slots=True, eq=False)
 class _Roads:
+    """``short`` are the streets within junctions, by their nodes; ``surface`` is all that vehicles may drive on."""
+
     lanes: list[_Lane]
     junctions: dict[int, _Junction]
+    short: nx.Graph
+    surface: BaseGeometry
 
 
 @dataclass(slots=True, eq=False)
@@ -211,15 +174,17 @@ def _roads(city: City) -> _Roads:
     reach = _reaches(city, wide)
     short = nx.Graph()
     short.add_nodes_from(reach)
-    short.add_edges_from((a, b) for a, b, edge in wide if edge["geometry"].length < reach[a] + reach[b] + 10.0)
+    for a, b, edge in wide:
+        line = edge["geometry"]
+        if line.length < min(reach[a] + reach[b] + 10.0, short.get_edge_data(a, b, {"length": np.inf})["length"]):
+            short.add_edge(a, b, line=line, length=line.length, begin=_begin(city, a, b, line))
     of = {node: min(group) for group in nx.connected_components(short) for node in group}
     lanes: list[_Lane] = []
     leaving: dict[int, list[int]] = {node: [] for node in of.values()}
     for a, b, edge in wide:
         if edge["geometry"].length < reach[a] + reach[b] + 10.0:
             continue
-        first = Point(edge["geometry"].coords[0])
-        start = a if first.distance(_point(city, a)) <= first.distance(_point(city, b)) else b
+        start = _begin(city, a, b, edge["geometry"])
         finish = b if start == a else a
         middle = shapely.ops.substring(edge["geometry"], reach[start], edge["geometry"].length - reach[finish])
         aside = 0.5 * edge["half_width"]
@@ -232,8 +197,10 @@ def _roads(city: City) -> _Roads:
         speed = 7.0 + min(edge["half_width"], 8.0)
         for line, source, goal, other in ((there, start, finish, len(lanes) + 1), (back, finish, start, len(lanes))):
             leaving[of[source]].append(len(lanes))
-            lanes.append(_Lane(np.array(line.coords), line.length, speed, of[goal], other))
-    return _Roads(lanes, {node: _Junction(tuple(found)) for node, found in leaving.items()})
+            lanes.append(_Lane(np.array(line.coords), line.length, speed, of[goal], other, source, goal))
+    surface = shapely.union_all([edge["geometry"].buffer(edge["half_width"]) for _, _, edge in wide])
+    shapely.prepare(surface)
+    return _Roads(lanes, {node: _Junction(tuple(found)) for node, found in leaving.items()}, short, surface)
 
 
 def _reaches(city: City, wide: list[tuple[int, int, dict[str, Any]]]) -> dict[int, float]:
@@ -257,6 +224,12 @@ def _reaches(city: City, wide: list[tuple[int, int, dict[str, Any]]]) -> dict[in
             if 0.05 < half < 1.3:
                 reach[node] = min(max(reach[node], 0.5 * (width + other) / np.tan(half) + 2.0), 30.0)
     return reach
+
+
+def _begin(city: City, a: int, b: int, line: LineString) -> int:
+    """Which of the nodes ``a`` and ``b`` a street's line begins at."""
+    first = Point(line.coords[0])
+    return a if first.distance(_point(city, a)) <= first.distance(_point(city, b)) else b
 
 
 def _point(city: City, node: int) -> Point:
@@ -327,7 +300,7 @@ def _ask(driver: _Driver, roads: _Roads, rng: np.random.Generator) -> None:
         return
     junction.crossing = driver
     driver.next_lane = chosen
-    driver.turn = _curve(lane.points, beyond.points)
+    driver.turn = _turn(lane, beyond, roads)
     driver.way += [driver.turn[1:-1], beyond.points]
 
 
@@ -376,6 +349,26 @@ def _long(points: _Floats) -> float:
 
 def _unit(vector: _Floats) -> _Floats:
     return np.asarray(vector / np.hypot(*vector))
+
+
+def _turn(lane: _Lane, beyond: _Lane, roads: _Roads) -> _Floats:
+    """The way from one lane to the next: straight across where that is street, else along the streets within the junction."""
+    across = _curve(lane.points, beyond.points)
+    if lane.last == beyond.first or roads.surface.covers(LineString(across)):
+        return across
+    nodes = nx.shortest_path(roads.short, lane.last, beyond.first, weight="length")
+    ends = [lane.points[-2:], beyond.points[:2]]
+    bends = [ends[0][1] + 3.0 * _unit(ends[0][1] - ends[0][0])]
+    for a, b in itertools.pairwise(nodes):
+        edge = roads.short.edges[a, b]
+        line = np.array(edge["line"].coords)
+        bends += list(line if edge["begin"] == a else line[::-1])
+    bends.append(ends[1][0] - 3.0 * _unit(ends[1][1] - ends[1][0]))
+    way = np.array([ends[0][1], *bends, ends[1][0]])
+    for _ in range(4):  # Chaikin 1974: corners are cut, ends stay
+        cut = np.stack([0.75 * way[:-1] + 0.25 * way[1:], 0.25 * way[:-1] + 0.75 * way[1:]], axis=1).reshape(-1, 2)
+        way = np.concatenate([way[:1], cut[1:-1], way[-1:]])
+    return np.asarray(way[np.concatenate([[True], np.hypot(*np.diff(way, axis=0).T) > 1e-6])])
 
 
 def _curve(before: _Floats, after: _Floats) -> _Floats:

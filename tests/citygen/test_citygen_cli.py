@@ -2,11 +2,18 @@
 
 import json
 import shlex
+from pathlib import Path
 
+import numpy as np
 import pytest
+import shapely
 
 from citygen.cli import citygen
 from citygen.presets import PRESETS
+from mmi.movers.movers_file import read_movers
+from mmi.reading.read_city import read_city
+
+HELSINKI = Path(__file__).resolve().parents[2] / "examples" / "helsinki" / "helsinki.osm.pbf"
 
 
 def run(capsys, *arguments):
@@ -83,6 +90,20 @@ def test_help_has_an_example_that_is_understood(capsys, tmp_path, monkeypatch):
         (("hamlet", "--buildings", "2000", "-o", "a.json"), "only metropolis"),
         (("metropolis", "--buildings", "3", "-o", "a.json"), "1000 to 1000000 expected, found 3"),
         (("metropolis", "--buildings", "100000", "-o", "a.json"), "one .jsonl file expected"),
+        (("hamlet", "--vehicles", "9", "-o", "a.json"), "--vehicles: only traffic takes it, not hamlet"),
+        (("hamlet", "--seconds", "9", "-o", "a.json"), "--seconds: only traffic takes it, not hamlet"),
+        (("hamlet", "--city", "b.json", "-o", "a.json"), "--city: only traffic takes it, not hamlet"),
+        (("traffic", "--vehicles", "0", "-o", "a.json"), "--vehicles: 1 to 100000 expected, found 0"),
+        (("traffic", "--seconds", "nan", "-o", "a.json"), "--seconds: more than 0 and up to 3600 expected, found nan"),
+        (("traffic", "--vehicles", "100000", "--seconds", "3600", "-o", "a.json"), "a product of up to 5000000"),
+        (("traffic", "--city", "b.json", "-o", "a.json"), "b.json: no such file or folder"),
+        (("traffic", "--city", "b.json", "-o", "a.glb"), "a name that ends in .json expected, found '.glb'"),
+        (
+            ("traffic", "--city", "b.json", "-o", "a.json", "-o", "c.json"),
+            "one file for the vehicles expected, found 2",
+        ),
+        (("traffic", "--city", "b.json", "--detail", "1", "-o", "a.json"), "--detail: a city to generate expected"),
+        (("traffic", "--city", "taken", "-o", "a.json"), "taken"),
     ],
 )
 def test_mistakes_are_one_line(arguments, message, tmp_path, capsys, monkeypatch):
@@ -94,6 +115,56 @@ def test_mistakes_are_one_line(arguments, message, tmp_path, capsys, monkeypatch
     assert err.startswith("citygen: error: ")
     assert err.count("\n") == 1
     assert message in err
+    assert not (tmp_path / "a.json").exists()
+
+
+def test_vehicles_drive_through_a_real_city(tmp_path, capsys):
+    """On its ground, along its streets for cars, in the frame that the city is read in."""
+    file = tmp_path / "cars.json"
+    arguments = ("traffic", "--city", HELSINKI, "--vehicles", 40, "--seconds", 8, "-o", file)
+    status, out, err = run(capsys, *arguments, "--json")
+    assert (status, err) == (0, "")
+    assert [one.name for one in tmp_path.iterdir()] == ["cars.json"]
+    movers, (city, _) = read_movers(file), read_city(HELSINKI)
+    assert json.loads(out) == {
+        "vehicles": 40,
+        "poses": len(movers.times),
+        "seconds": 8.0,
+        "street_segments": city.streets.number_of_edges(),
+    }
+    assert (movers.crs, movers.origin) == (city.crs, city.origin)
+    streets = shapely.union_all([e["geometry"].buffer(e["half_width"]) for *_, e in city.streets.edges(data=True)])
+    for moment in (0.0, 3.33, 8.0):
+        places = movers.poses(moment)[:, :3, 3]
+        assert np.allclose(places[:, 2], city.ground_at(places))
+        assert shapely.distance(streets, shapely.points(places[:, :2])).max() < 0.5
+    way = np.linalg.norm(movers.poses(8.0)[:, :2, 3] - movers.poses(0.0)[:, :2, 3], axis=1)
+    assert (way > 5.0).sum() > 10
+    before = file.read_bytes()
+    assert run(capsys, *arguments, "--seed", 1, "--quiet") == (0, "", "")
+    assert file.read_bytes() != before
+    assert run(capsys, *arguments)[0] == 0
+    assert file.read_bytes() == before
+
+
+def test_traffic_stands_beside_its_city(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, _, err = run(
+        capsys, "traffic", "--detail", 0, "--vehicles", 7, "--seconds", 1, "--quiet", "-o", "town.json"
+    )
+    assert (status, err) == (0, "")
+    movers = read_movers(tmp_path / "town.traffic.json")
+    assert (len(movers.ids), movers.span, movers.crs) == (7, (0.0, 1.0), "local")
+
+
+def test_a_city_that_is_too_small_is_said(tmp_path, capsys):
+    arguments = ("traffic", "--city", HELSINKI, "--vehicles", 90000, "--seconds", 1, "-o", tmp_path / "a.json")
+    status, out, err = run(capsys, *arguments)
+    assert (status, out) == (2, "")
+    assert err.startswith(
+        "citygen: error: helsinki.osm.pbf: streets with room for 90000 vehicles expected, found room for "
+    )
+    assert err.count("\n") == 1
     assert not (tmp_path / "a.json").exists()
 
 

@@ -10,7 +10,6 @@ import bisect
 import itertools
 import json
 import math
-import reprlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from scipy.interpolate import PchipInterpolator
 
 from mmi.foundation.camera import Camera, View, view_towards
 from mmi.foundation.errors import ParameterError
+from mmi.foundation.json_forms import json_number, json_object, read_json, shown
 from mmi.foundation.whole_files import write_whole
 
 __all__ = ["Keyframe", "Pose", "Step", "Walk", "read_walk", "write_walk"]
@@ -168,15 +168,7 @@ def read_walk(path: Path) -> Walk:
 
     Raises ParameterError that names file, keyframe (counted from 1) and what was expected.
     """
-    path = Path(path)
-    try:
-        document = json.loads(path.read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise ParameterError(f"{path}: a walk's JSON file expected, found: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise ParameterError(f"{path}: a walk's JSON in UTF-8 expected, found byte {error.start} is none") from error
-    except (ValueError, RecursionError) as error:
-        raise ParameterError(f"{path}: a walk's JSON expected, found damaged data ({error})") from error
+    document = read_json(Path(path), "a walk")
     try:
         return _walk(document)
     except ParameterError as error:
@@ -238,60 +230,29 @@ def _leg(keyframes: tuple[Keyframe, ...]) -> _Leg:
 
 def _walk(document: object) -> Walk:
     """The walk that a file's JSON describes. Raises ParameterError that says where it does not."""
-    top = _object(document, "a walk", required=("format", "version", "name", "keyframes"))
+    top = json_object(document, "a walk", required=("format", "version", "name", "keyframes"))
     if top["format"] != _FORMAT:
-        raise ParameterError(f'"format": "{_FORMAT}" expected, found {_found(top["format"])}')
+        raise ParameterError(f'"format": "{_FORMAT}" expected, found {shown(top["format"])}')
     if isinstance(top["version"], bool) or top["version"] != _VERSION:
-        raise ParameterError(f'"version": {_VERSION} expected, found {_found(top["version"])}')
+        raise ParameterError(f'"version": {_VERSION} expected, found {shown(top["version"])}')
     if not isinstance(top["name"], str):
-        raise ParameterError(f'"name": a string expected, found {_found(top["name"])}')
+        raise ParameterError(f'"name": a string expected, found {shown(top["name"])}')
     if not isinstance(top["keyframes"], list):
-        raise ParameterError(f'"keyframes": a list expected, found {_found(top["keyframes"])}')
+        raise ParameterError(f'"keyframes": a list expected, found {shown(top["keyframes"])}')
     return Walk(top["name"], tuple(_keyframe(value, number) for number, value in enumerate(top["keyframes"], 1)))
 
 
 def _keyframe(value: object, number: int) -> Keyframe:
     where = f"keyframe {number}"
-    row = _object(value, where, required=("time", "eye", "azimuth", "pitch"), optional=("cut",))
+    row = json_object(value, where, required=("time", "eye", "azimuth", "pitch"), optional=("cut",))
     eye = row["eye"]
     if not (isinstance(eye, list) and len(eye) == 3):
-        raise ParameterError(f"{where}: eye: three numbers [x, y, z] expected, found {_found(eye)}")
-    x, y, z = (_number(one, f"{where}: eye") for one in eye)
-    time, azimuth, pitch = (_number(row[key], f"{where}: {key}") for key in ("time", "azimuth", "pitch"))
+        raise ParameterError(f"{where}: eye: three numbers [x, y, z] expected, found {shown(eye)}")
+    x, y, z = (json_number(one, f"{where}: eye", most=_LARGEST) for one in eye)
+    time, azimuth, pitch = (
+        json_number(row[key], f"{where}: {key}", most=_LARGEST) for key in ("time", "azimuth", "pitch")
+    )
     cut = row.get("cut", False)
     if not isinstance(cut, bool):
-        raise ParameterError(f"{where}: cut: true or false expected, found {_found(cut)}")
+        raise ParameterError(f"{where}: cut: true or false expected, found {shown(cut)}")
     return Keyframe(time, Pose((x, y, z), math.radians(azimuth), math.radians(pitch)), cut)
-
-
-def _object(
-    value: object, where: str, *, required: tuple[str, ...], optional: tuple[str, ...] = ()
-) -> dict[str, object]:
-    """``value`` if it is a JSON object with these keys and no others."""
-    if not isinstance(value, dict):
-        raise ParameterError(f"{where}: a JSON object expected, found {_found(value)}")
-    for key in required:
-        if key not in value:
-            raise ParameterError(f'{where}: the key "{key}" expected, found {_found(sorted(value))}')
-    for key in value:
-        if key not in (*required, *optional):
-            raise ParameterError(f"{where}: the keys {', '.join((*required, *optional))} expected, found {_found(key)}")
-    return value
-
-
-def _number(value: object, where: str) -> float:
-    """``value`` as a float if it is a number (true and false are none) and not beyond all bounds."""
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
-        if abs(number) <= _LARGEST:
-            return number
-        raise ParameterError(f"{where}: a number up to {_LARGEST:.0f} expected, found {_found(value)}")
-    raise ParameterError(f"{where}: a number expected, found {_found(value)}")
-
-
-def _found(value: object) -> str:
-    """``value`` for a message, however large it is."""
-    return reprlib.repr(value)
