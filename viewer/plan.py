@@ -125,6 +125,11 @@ class Relief:
     image: ImageKey
     parts: tuple[ReliefPart, ...]
 
+    @property
+    def pixels(self) -> int:
+        """Pixels of all parts, as they were captured."""
+        return sum(part.view.window[2] * part.view.window[3] for part in self.parts)
+
 
 Draw = Sky | Ground | Objects | CellLayers | Relief
 """What a plan is made of: a closed union, of which the renderer draws each kind."""
@@ -152,6 +157,11 @@ class Request:
     draws: tuple[Draw, ...]
     clear: bool = True
 
+    @property
+    def pixels(self) -> int:
+        """Pixels of the place."""
+        return self.view.window[2] * self.view.window[3]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
@@ -178,12 +188,17 @@ class Plan:
 
 
 class Work(NamedTuple):
-    """What was done in ``seconds``: ``triangles`` in ``draws`` calls, and ``pixels`` of images that were captured."""
+    """What was done in ``seconds``: ``triangles`` in ``draws`` calls; some of them were reliefs, of ``relief`` pixels in all.
+
+    Where it was done for ``requests``, they captured ``pixels`` of images.
+    """
 
     seconds: float = 0.0
     triangles: int = 0
     draws: int = 0
     pixels: int = 0
+    requests: int = 0
+    relief: int = 0
 
 
 class Done(NamedTuple):
@@ -194,25 +209,27 @@ class Done(NamedTuple):
 
 
 class Costs(NamedTuple):
-    """What drawing takes on a machine, in seconds: a frame as such, each draw, each triangle; a request as such, each pixel.
+    """Seconds that things take on a machine: a frame, a draw, a triangle, a request, a captured pixel, a pixel of a relief.
 
-    Plain numbers, so that a recording has them (:mod:`viewer.runtime.cost_model` finds and refines them). The ones given here
-    are those of software OpenGL on two cores, for who has no better.
+    ``frame`` is what a frame takes whatever it draws: the making of its plan, ground and sky, loading. Plain numbers, so that a
+    recording has them (:mod:`viewer.runtime.cost_model` finds and refines them). The ones given here are those of software
+    OpenGL on two cores, for those who have no better ones.
     """
 
     frame: float = 2e-3
     draw: float = 5e-5
-    triangle: float = 2e-8
-    request: float = 1e-4
+    triangle: float = 1e-7
+    request: float = 2e-4
     pixel: float = 8e-9
+    relief: float = 2e-8
 
-    def of_draws(self, *, triangles: int, draws: int) -> float:
-        """Seconds that a frame of so many is predicted to take, requests aside."""
-        return self.frame + self.draw * draws + self.triangle * triangles
+    def of_draws(self, *, triangles: int, draws: int, relief: int = 0) -> float:
+        """Seconds that a frame is predicted to take, requests aside; ``relief`` is the pixels of its reliefs as captured."""
+        return self.frame + self.draw * draws + self.triangle * triangles + self.relief * relief
 
-    def of_request(self, *, triangles: int, draws: int, pixels: int) -> float:
-        """Seconds that a request is predicted to take."""
-        return self.request + self.draw * draws + self.triangle * triangles + self.pixel * pixels
+    def of_request(self, *, triangles: int, draws: int, pixels: int, relief: int = 0) -> float:
+        """Seconds that a request is predicted to take; ``relief`` is the pixels of reliefs that it draws."""
+        return self.request + self.draw * draws + self.triangle * triangles + self.relief * relief + self.pixel * pixels
 
 
 @dataclass(frozen=True, slots=True)

@@ -134,7 +134,8 @@ class Renderer:
             color = self._targets.color(measured=measured) if read else np.empty((0, 0, 3), dtype=np.uint8)
             ids, depth, displacement = self._targets.measures() if measured else (None, None, None)
             gpu = gpu_seconds(self._timer.elapsed, seconds=seconds, device=self.device)
-            drawn = Work(seconds - captured.seconds, sum(counts), len(counts))
+            relief = _relief(plan.draws) + (_relief(plan.fading) if plan.mix < 1.0 else 0)
+            drawn = Work(seconds - captured.seconds, sum(counts), len(counts), relief=relief)
             return DrawnPicture(
                 color=color,
                 object_ids=ids,
@@ -166,8 +167,14 @@ class Renderer:
         counts = [count for request in plan.requests for count in self._capture(request)]
         with turns_after(_SWITCH_INTERVAL):
             self._finish()
-        pixels = sum(request.view.window[2] * request.view.window[3] for request in plan.requests)
-        return Work(time.perf_counter() - start, sum(counts), len(counts), pixels)
+        return Work(
+            time.perf_counter() - start,
+            sum(counts),
+            len(counts),
+            relief=sum(_relief(request.draws) for request in plan.requests),
+            requests=len(plan.requests),
+            pixels=sum(request.pixels for request in plan.requests),
+        )
 
     def _capture(self, request: Request) -> list[int]:
         """Draw into an image; the triangles of each call."""
@@ -208,6 +215,11 @@ class Renderer:
                 return self._reliefs.draw(draw, view, measured=measured)
             case _:
                 assert_never(draw)
+
+
+def _relief(draws: Sequence[Draw]) -> int:
+    """Pixels of the reliefs among some draws."""
+    return sum(draw.pixels for draw in draws if isinstance(draw, Relief))
 
 
 def gpu_seconds(nanoseconds: int, *, seconds: float, device: str) -> float | None:

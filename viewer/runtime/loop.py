@@ -3,18 +3,21 @@
     loop = FrameLoop(technique, painter, cache, camera=camera)
     frame = loop.frame(pose, time)          as often as a window, a held view or a replay wants one
     run_walk(steps, loop)                   all frames of a walk, one at once after the other
+    replay(steps, budgets, technique)       the plans that were made then, without OpenGL
 
-Where the viewer is comes from poses and times that are given, never from the clock, so that a walk replayed gives the same
-plans and pictures on any machine. What a frame took is the time from asking for its plan to the finished picture, loading
+Where the viewer is comes from poses and times that are given, never from the clock. What a technique is told besides, of the
+clock too, is the frame's :class:`viewer.plan.Budget`, which is recorded: a walk replayed with the recorded budgets gives the
+same plans and pictures on any machine. What a frame took is the time from asking for its plan to the finished picture, loading
 included.
 """
 
 from __future__ import annotations
 
+import math
 import time as clock
 from bisect import bisect_left, insort
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -22,10 +25,11 @@ from mmi.foundation.camera import Camera, View
 from viewer.cells.cell_cache import CellCache
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.thread_turns import turns_after
-from viewer.plan import Budget, Plan, Technique
+from viewer.plan import Budget, Costs, Done, Plan, Technique
+from viewer.runtime.cost_model import CostModel
 from viewer.walks.walk import Pose, Step
 
-__all__ = ["Frame", "FrameLoop", "FrameTimes", "Painter", "run_walk"]
+__all__ = ["Frame", "FrameLoop", "FrameTimes", "Painter", "replay", "run_walk"]
 
 _UPLOADING = 0.1
 """The share of a usual frame's time that uploads of cells ahead may take in a frame."""
@@ -52,7 +56,8 @@ class FrameTimes:
 
     ``gpu`` is what the GPU says of the drawing. ``entered``: the viewer is in another cell than in the last frame.
     ``loading`` is what a walk waits for before its first frame and where it is cut, as behind a loading screen: its cell and
-    the one that it will most likely come to next; no part of ``total``.
+    the one that it will most likely come to next; no part of ``total``. ``planning`` is a part of it, the making of the plan,
+    which was told ``budget``; ``done`` says what the plan's requests and what its draws took of ``drawing``.
     """
 
     time: float
@@ -67,6 +72,9 @@ class FrameTimes:
     loading: float
     triangles: int
     draws: int
+    planning: float = 0.0
+    budget: Budget = field(default_factory=Budget)
+    done: Done = field(default_factory=Done)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,17 +108,33 @@ class _Usual:
 class FrameLoop:
     """Draws frames of one viewer with one technique, when asked.
 
-    ``budget`` is the time that a frame should take, in seconds. ``cache`` brings in the cells that plans need, into what
-    ``painter`` draws from. Frames are asked for in the order of their times.
+    ``budget`` is the time that a frame should take, ``updates`` what the requests of its plan should take of it at most, in
+    seconds. ``costs`` is what drawing is believed to take before the first frame (:mod:`viewer.runtime.calibration` finds it);
+    what frames took refines it. ``cache`` brings in the cells that plans need, into what ``painter`` draws from. Frames are
+    asked for in the order of their times.
     """
 
     def __init__(
-        self, technique: Technique, painter: Painter, cache: CellCache, *, camera: Camera, budget: float = 1.0 / 30.0
+        self,
+        technique: Technique,
+        painter: Painter,
+        cache: CellCache,
+        *,
+        camera: Camera,
+        budget: float = 1.0 / 30.0,
+        updates: float = math.inf,
+        costs: Costs | None = None,
     ) -> None:
         self._technique, self._painter, self._cache = technique, painter, cache
-        self._camera, self._budget = camera, budget
+        self._camera, self._budget, self._updates = camera, budget, updates
         self._last: FrameTimes | None = None
         self._usual = _Usual()
+        self._model = CostModel() if costs is None else CostModel(costs)
+
+    @property
+    def costs(self) -> Costs:
+        """What drawing is believed to take now."""
+        return self._model.costs
 
     def frame(self, pose: Pose, time: float, *, cut: bool = False, read: bool = False) -> Frame:
         """Draw what the viewer sees from ``pose`` at ``time`` (seconds), with its colours if ``read``.
@@ -121,9 +145,10 @@ class FrameLoop:
         last = self._last
         cut = cut or last is None
         view = pose.view(self._camera)
+        budget = self._next_budget()
         with turns_after(_SWITCH_INTERVAL):
             start = clock.perf_counter()
-            plan = self._technique.plan(view, now=time, budget=Budget(self._budget))
+            plan = self._technique.plan(view, now=time, budget=budget)
             self._cache.want(plan.cells, plan.ahead)
             planned = clock.perf_counter() - start
             loading = self._cache.require((*plan.cells, *plan.ahead[:1]), counted=False) if cut else 0.0
@@ -131,8 +156,12 @@ class FrameLoop:
             picture = self._painter.draw(plan, view, read=read)
             spent = planned + waiting + picture.seconds
             usual = self._usual.median(spent)
-            uploading = self._cache.spend(_UPLOADING * usual) if spent <= _COSTLY * usual else 0.0
+            room = _UPLOADING * usual
+            if plan.requests:  # they fill the frame on purpose
+                room = min(room, max(self._budget - spent, 0.0))
+            uploading = self._cache.spend(room) if spent <= _COSTLY * usual else 0.0
         self._usual.add(spent)
+        self._model = self._model.after(picture.done, planning=planned)
         self._last = FrameTimes(
             time=time,
             cell=plan.place,
@@ -146,8 +175,28 @@ class FrameLoop:
             loading=loading,
             triangles=picture.triangles,
             draws=picture.draws,
+            planning=planned,
+            budget=budget,
+            done=picture.done,
         )
         return Frame(view, plan, picture, self._last)
+
+    def _next_budget(self) -> Budget:
+        """What the next plan is told. Uploads are seldom alone: they are expected to take what they took in the last frame."""
+        costs = self._model.costs
+        if self._last is None:
+            return Budget(self._budget, self._updates, costs)
+        costs = costs._replace(frame=costs.frame + self._last.uploading)
+        return Budget(self._budget, self._updates, costs, self._last.done)
+
+
+def replay(steps: Iterable[Step], budgets: Iterable[Budget], technique: Technique, *, camera: Camera) -> Iterator[Plan]:
+    """The plans of a walk whose budgets were recorded (:attr:`FrameTimes.budget`), by a ``technique`` that is fresh.
+
+    Raises ValueError where there are not as many budgets as steps.
+    """
+    for step, budget in zip(steps, budgets, strict=True):
+        yield technique.plan(step.pose.view(camera), now=step.time, budget=budget)
 
 
 def run_walk(

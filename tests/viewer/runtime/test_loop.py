@@ -8,8 +8,9 @@ import pytest
 
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.drawn_picture import DrawnPicture
-from viewer.plan import Plan
-from viewer.runtime.loop import FrameLoop, run_walk
+from viewer.plan import Budget, Costs, Done, ImageKey, Plan, Request, Sky, Slot, Work
+from viewer.runtime.cost_model import CostModel
+from viewer.runtime.loop import FrameLoop, replay, run_walk
 from viewer.techniques.catalogue import TECHNIQUES, make_technique
 from viewer.walks.walk import Keyframe, Pose, Walk
 
@@ -202,17 +203,131 @@ def test_frames_that_are_replayed_have_the_same_plans(scenes):
     assert all(a.same_as(b) for a, b in zip(*plans, strict=True))
 
 
+class Curious:
+    """A technique that draws nothing and remembers what it was told."""
+
+    name = "curious"
+
+    def __init__(self):
+        self.told = []
+
+    def plan(self, view, *, now, budget):  # noqa: ARG002
+        self.told.append((now, budget))
+        return Plan(())
+
+
+class Timed(Painter):
+    """Says of each frame that its requests and draws took so long, ever longer."""
+
+    def draw(self, plan, view, *, read=True):
+        frame = super().draw(plan, view, read=read)
+        n = len(self.plans)
+        return replace(frame, done=Done(Work(1e-3 * n, 10, 1, 100, 1), Work(2e-3 * n, 1000, 4)))
+
+
 def test_a_technique_is_told_what_the_last_frame_took(scenes):
-    told = []
+    technique, painter = Curious(), Timed()
+    loop = FrameLoop(
+        technique, painter, Spender(painter), camera=scenes["multi-mesh"].camera, budget=0.02, updates=0.003
+    )
+    took = [loop.frame(WALK.keyframes[0].pose, float(at)).times for at in range(3)]
+    assert [at for at, _ in technique.told] == [0.0, 1.0, 2.0]
+    budgets = [budget for _, budget in technique.told]
+    assert [(one.frame, one.updates, one.done) for one in budgets] == [
+        (0.02, 0.003, None),
+        (0.02, 0.003, took[0].done),
+        (0.02, 0.003, took[1].done),
+    ]
+    assert took[1].done.draws.seconds == 0.004
+    assert [one.budget for one in took] == budgets
 
-    class Curious:
-        name = "curious"
 
-        def plan(self, view, *, now, budget):  # noqa: ARG002
-            told.append((now, budget.frame, budget.done))
-            return Plan(())
+def test_costs_are_those_given_until_frames_refine_them(scenes):
+    given = Costs(1e-3, 1e-5, 1e-7, 1e-4, 1e-8, 1e-8)
+    technique, painter = Curious(), Timed()
+    loop = FrameLoop(technique, painter, Spender(painter), camera=scenes["multi-mesh"].camera, costs=given)
+    frames = [loop.frame(WALK.keyframes[0].pose, float(at)).times for at in range(3)]
+    model = CostModel(given)
+    for frame, (_, budget) in zip(frames, technique.told, strict=True):
+        assert budget.costs == model.costs
+        model = model.after(frame.done, planning=frame.planning)
+    assert loop.costs == model.costs != given
 
-    painter = Painter()
-    loop = FrameLoop(Curious(), painter, Spender(painter), camera=scenes["multi-mesh"].camera, budget=0.02)
-    took = [loop.frame(WALK.keyframes[0].pose, float(at)).times.total for at in range(3)]
-    assert told == [(0.0, 0.02, 0.0), (1.0, 0.02, took[0]), (2.0, 0.02, took[1])]
+
+def test_uploads_are_expected_to_go_on_and_are_part_of_what_a_frame_costs(scenes):
+    class Busy(Spender):
+        def spend(self, seconds):  # noqa: ARG002
+            return 0.5
+
+    technique, painter = Curious(), Painter()  # which times nothing, so that costs stay as they are
+    loop = FrameLoop(technique, painter, Busy(painter), camera=scenes["multi-mesh"].camera)
+    for at in range(2):
+        loop.frame(WALK.keyframes[0].pose, float(at))
+    first, second = (budget.costs for _, budget in technique.told)
+    assert second == first._replace(frame=first.frame + 0.5)
+
+
+class Updating:
+    """Captures as many small pictures as fit into a budget, and shows what it captured: plans depend on all that it is told."""
+
+    name = "updating"
+
+    def __init__(self):
+        self.captured = 0
+
+    def plan(self, view, *, now, budget):  # noqa: ARG002
+        costs = budget.costs
+        small = view.cropped((0, 0, 16, 16))
+        left = min(budget.updates, budget.frame - costs.of_draws(triangles=1000, draws=4))
+        requests = []
+        while (left := left - costs.of_request(triangles=10, draws=1, pixels=256)) > 0.0 and len(requests) < 50:
+            requests.append(Request(Slot(ImageKey(self.name, f"{self.captured}"), (16, 16)), small, (Sky(),)))
+            self.captured += 1
+        return Plan((Sky(),), requests=tuple(requests))
+
+
+def test_a_recorded_walk_yields_its_plans_without_a_painter(scenes):
+    rng = np.random.default_rng(3)
+
+    class Noisy(Painter):
+        def draw(self, plan, view, *, read=True):
+            frame = super().draw(plan, view, read=read)
+            n = len(plan.requests)
+            captured = Work(n * 1e-3 * rng.random(), 10 * n, n, 256 * n, n)
+            return replace(frame, done=Done(captured, Work(5e-3 * rng.random(), 1000, 4)))
+
+    painter, steps = Noisy(), WALK.frames(10.0)
+    camera = scenes["multi-mesh"].camera
+    times = run_walk(steps, FrameLoop(Updating(), painter, Spender(painter), camera=camera, updates=0.004))
+    assert len({len(plan.requests) for plan in painter.plans}) > 3, "what frames take should matter"
+    again = list(replay(steps, [one.budget for one in times], Updating(), camera=camera))
+    assert all(a.same_as(b) for a, b in zip(painter.plans, again, strict=True))
+    without = list(replay(steps, [Budget()] * len(steps), Updating(), camera=camera))
+    assert not all(a.same_as(b) for a, b in zip(painter.plans, without, strict=True))
+
+
+def test_a_recording_of_another_walk_is_refused(scenes):
+    steps = WALK.frames(10.0)
+    with pytest.raises(ValueError, match="shorter"):
+        list(replay(steps, [Budget()], Updating(), camera=scenes["multi-mesh"].camera))
+
+
+def test_where_requests_fill_a_frame_uploads_have_what_is_left_of_it(scenes):
+    given = []
+
+    class Curbed(Spender):
+        def spend(self, seconds):
+            given.append(seconds)
+            return 0.0
+
+    class Slow(Painter):
+        def draw(self, plan, view, *, read=True):
+            return replace(super().draw(plan, view, read=read), seconds=0.5)
+
+    camera, pose = scenes["multi-mesh"].camera, WALK.keyframes[0].pose
+    for technique, budget in ((Updating(), 0.51), (Updating(), 0.4), (Curious(), 0.4)):
+        painter = Slow()
+        FrameLoop(technique, painter, Curbed(painter), camera=camera, budget=budget).frame(pose, 0.0)
+    assert 0.0 < given[0] < 0.01
+    assert given[1] == 0.0
+    assert given[2] > 0.05

@@ -1,0 +1,177 @@
+"""The cost model against machines whose costs are known: noisy ones, disturbed ones, one that becomes slower."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from viewer.plan import Costs, Done, Work
+from viewer.runtime.cost_model import CostModel, fitted
+
+TRUE = Costs(frame=3e-3, draw=4e-5, triangle=1.5e-7, request=3e-4, pixel=1e-8, relief=2.5e-8)
+
+
+class Machine:
+    """Draws frames of many kinds, each of which takes what ``costs`` say, times lognormal ``noise``."""
+
+    def __init__(self, costs=TRUE, *, noise=0.2, seed=0):
+        self.costs, self.noise, self.random = costs, noise, np.random.default_rng(seed)
+
+    def frame(self):
+        """(what was done, what it took without noise: requests and draws)."""
+        integer = self.random.integers
+        relief = int(integer(0, 3)) * 100_000
+        draws = Work(0.0, int(integer(2000, 60_000)), int(integer(3, 12)), relief=relief)
+        n = int(integer(0, 4))
+        requests = Work(0.0, n * int(integer(100, 5000)), n, n * int(integer(1000, 60_000)), n)
+        true = predicted(self.costs, Done(requests, draws))
+        factors = np.exp(self.noise * self.random.normal(size=2))
+        took = [one * factor for one, factor in zip(true, factors.tolist(), strict=True)]
+        return Done(requests._replace(seconds=took[0]), draws._replace(seconds=took[1])), true
+
+
+def predicted(costs, done):
+    """What a frame's requests and draws are predicted to take."""
+    work = done.requests
+    each = [getattr(work, name) for name in ("requests", "draws", "triangles", "pixels", "relief")]
+    prices = (costs.request, costs.draw, costs.triangle, costs.pixel, costs.relief)
+    draws = costs.of_draws(triangles=done.draws.triangles, draws=done.draws.draws, relief=done.draws.relief)
+    return sum(a * b for a, b in zip(each, prices, strict=True)), draws
+
+
+def followed(model, machine, frames):
+    """The model after some frames, and predicted : true of their draws and requests, (frames, 2)."""
+    ratios = []
+    for _ in range(frames):
+        done, true = machine.frame()
+        found = predicted(model.costs, done)
+        ratios.append([a / b if b else np.nan for a, b in zip(found[::-1], true[::-1], strict=True)])
+        model = model.after(done)
+    return model, np.array(ratios)
+
+
+def off(factor):
+    return Costs(*(factor * cost for cost in TRUE))
+
+
+@pytest.mark.parametrize("start", [Costs(), TRUE, off(3.0), off(1 / 3)])
+def test_predictions_become_slight_over_estimates(start):
+    model, _ = followed(CostModel(start), Machine(), 150)
+    _, ratios = followed(model, Machine(seed=1), 300)
+    medians = np.nanmedian(ratios, axis=0)
+    assert np.all((medians > 1.0) & (medians < 1.45)), medians
+    assert np.all(np.nanquantile(ratios, 0.05, axis=0) > 0.85)
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.3])
+def test_about_four_frames_of_five_take_no_longer_than_predicted(noise):
+    machine, model = Machine(noise=noise), CostModel(TRUE)
+    held = []
+    for i in range(600):
+        done, _ = machine.frame()
+        if i >= 100:
+            found = predicted(model.costs, done)
+            held.append((done.requests.seconds <= found[0], done.draws.seconds <= found[1]))
+        model = model.after(done)
+    assert np.all(np.abs(np.mean(held, axis=0) - 0.8) < 0.1), np.mean(held, axis=0)
+
+
+def test_a_machine_that_becomes_twice_as_slow_is_followed_within_a_second():
+    model, _ = followed(CostModel(TRUE), Machine(), 100)
+    _, ratios = followed(model, Machine(off(2.0), seed=1), 60)
+    assert np.nanmedian(ratios[:3], axis=0).max() < 0.85
+    assert np.nanmedian(ratios[20:], axis=0).min() > 0.95
+    assert np.nanmedian(ratios[20:], axis=0).max() < 1.5
+
+
+def test_a_machine_that_becomes_twice_as_fast_is_followed_within_four():
+    model, _ = followed(CostModel(off(2.0)), Machine(off(2.0)), 100)
+    _, ratios = followed(model, Machine(seed=1), 200)
+    assert np.nanmedian(ratios[:3], axis=0).min() > 1.7
+    assert np.nanmedian(ratios[120:], axis=0).max() < 1.5
+
+
+@pytest.mark.parametrize("took", [1e-9, 10.0, 1e6])
+def test_a_single_frame_that_is_disturbed_moves_predictions_by_an_eighth_at_most(took):
+    model, _ = followed(CostModel(TRUE), Machine(), 100)
+    machine = Machine(seed=1)
+    done, _ = machine.frame()
+    after = model.after(Done(done.requests._replace(seconds=took), done.draws._replace(seconds=took)))
+    for _ in range(100):
+        other, _ = machine.frame()
+        for one, two in zip(predicted(model.costs, other), predicted(after.costs, other), strict=True):
+            if one:
+                assert 0.8 < two / one < 1.25
+    before, changed = (predicted(one.costs, done)[1] for one in (model, after))
+    assert 0.85 < changed / before < 1.15
+
+
+def test_one_frame_of_twenty_that_takes_ten_times_as_long_is_not_what_is_expected():
+    machine, random = Machine(), np.random.default_rng(5)
+    model, ratios = CostModel(TRUE), []
+    for _ in range(400):
+        done, true = machine.frame()
+        if random.random() < 0.05:
+            done = done._replace(draws=done.draws._replace(seconds=10.0 * done.draws.seconds))
+        ratios.append(predicted(model.costs, done)[1] / true[1])
+        model = model.after(done)
+    assert np.median(ratios[100:]) < 1.5
+    assert np.quantile(ratios[100:], 0.95) < 1.8
+
+
+times = st.floats(0.0, 1e9, allow_nan=False)
+counts = st.integers(0, 10**9)
+works = st.builds(Work, times, counts, counts, counts, counts, counts)
+
+
+@given(st.lists(st.tuples(works, works), max_size=40), st.floats(0.0, 1.0))
+def test_costs_are_always_positive_and_finite(pairs, planning):
+    model = CostModel()
+    for requests, draws in pairs:
+        model = model.after(Done(requests, draws), planning=planning)
+        assert all(0.0 < cost < math.inf for cost in model.costs)
+
+
+@given(st.lists(works, max_size=12), st.lists(works, max_size=12))
+def test_whatever_is_fitted_is_positive_and_finite(frames, requests):
+    assert all(0.0 < cost < math.inf for cost in fitted(frames, requests))
+
+
+def test_frames_that_were_not_timed_teach_nothing():
+    model = CostModel(TRUE)
+    assert model.after(Done()) == model
+    assert model.after(Done(Work(0.0, 10, 1, 100, 1), Work(0.0, 1000, 4)), planning=1.0) == model
+
+
+def test_the_making_of_plans_is_a_part_of_what_a_frame_costs():
+    model, done = CostModel(TRUE), Done(Work(), Work(3e-3 + 4e-5, 0, 1))
+    for _ in range(200):
+        model = model.after(done, planning=6e-3)
+    assert predicted(model.costs, done)[1] == pytest.approx(9e-3 + 4e-5, rel=0.01)
+
+
+def test_exact_examples_are_fitted_exactly():
+    machine = Machine(noise=0.0)
+    examples = [machine.frame()[0] for _ in range(20)]
+    found = fitted([one.draws for one in examples], [one.requests for one in examples])
+    np.testing.assert_allclose(found, TRUE, rtol=1e-6)
+
+
+def test_noisy_examples_are_fitted_nearly():
+    machine = Machine(noise=0.1)
+    examples = [machine.frame()[0] for _ in range(60)]
+    found = fitted([one.draws for one in examples], [one.requests for one in examples])
+    for _ in range(100):
+        done, true = machine.frame()
+        for one, two in zip(predicted(found, done), true, strict=True):
+            assert one == pytest.approx(two, rel=0.25)
+
+
+def test_what_there_is_no_example_of_has_its_default_cost():
+    machine = Machine(noise=0.0)
+    found = fitted([machine.frame()[0].draws for _ in range(20)], [])
+    assert found[:3] == pytest.approx(TRUE[:3])
+    assert (found.request, found.pixel) == (Costs().request, Costs().pixel)
+    assert fitted([], []) == Costs()

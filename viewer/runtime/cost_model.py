@@ -1,0 +1,94 @@
+"""What drawing takes on this machine: a first estimate from frames that are known, then refined by every frame.
+
+    model = CostModel(calibrated(painter, scene))       once, in less than a second (viewer.runtime.calibration)
+    model = model.after(done, planning=seconds)         after each frame; model.costs is what the next plan is told
+
+A model is a value and its refinement is arithmetic, so that tests replay it without OpenGL. Predictions are meant to be rather
+too long than too short, because budgets are to hold: about four frames of five take no longer than was predicted.
+
+A frame is predicted as the sum of what its parts cost. When it took longer, every cost grows by a factor, the more so the
+larger its share of the prediction is (exponentiated gradient; Kivinen & Warmuth 1997), so that costs stay positive, and frames
+that differ tell the costs apart. What a frame and a request cost as such follow at once, since they stand for what the counts
+do not tell, how much of the view is covered for instance; what a triangle costs follows slowly. Costs grow faster than they
+shrink, and where the two are in balance is the wanted quantile, nearly. A surprise counts for no more than ``_LARGEST``, so
+that a frame that another program disturbs changes the prediction by an eighth.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import nnls
+
+from viewer.plan import Costs, Done, Work
+
+__all__ = ["CostModel", "fitted"]
+
+_GROWTH, _SHRINKAGE = 0.3, 0.04
+"""The share of a surprise, the logarithm of taken : predicted, by which the prediction of the same frame changes."""
+_LARGEST = math.log(1.5)
+"""Surprises are at most this large, up or down."""
+_AGILITY = Costs(frame=1.0, draw=0.4, triangle=0.4, request=1.0, pixel=0.4, relief=0.4)
+"""How much each of the costs moves, next to the others."""
+_FARTHEST = 2.0
+"""A cost moves at most this many times as far as the prediction is to move, as a logarithm."""
+_LEAST = 1e-3
+"""Costs are at least this share of the default ones: a cost of nothing could never grow."""
+_SHORTEST = 1e-6
+"""Seconds; nothing real draws in less."""
+
+
+@dataclass(frozen=True, slots=True)
+class CostModel:
+    """What things cost, refined by what frames took."""
+
+    costs: Costs = field(default_factory=Costs)
+
+    def after(self, done: Done, *, planning: float = 0.0) -> CostModel:
+        """The model after a frame whose plan was made in ``planning`` seconds. What was not timed teaches nothing."""
+        costs = self.costs
+        if done.draws.seconds > _SHORTEST:
+            costs = _refined(costs, _counted(done.draws, frames=1), done.draws.seconds + planning)
+        if done.requests.seconds > _SHORTEST:
+            costs = _refined(costs, _counted(done.requests, frames=0), done.requests.seconds)
+        return CostModel(costs)
+
+
+def fitted(frames: Sequence[Work], requests: Sequence[Work]) -> Costs:
+    """The costs that best explain what ``frames`` took, requests aside, and ``requests``: least squares of relative errors.
+
+    None is below a small share of the default costs. What there is no example of has its default cost.
+    """
+    works = [(work, 1) for work in frames] + [(work, 0) for work in requests]
+    works = [(work, number) for work, number in works if work.seconds > _SHORTEST]
+    if not works:
+        return Costs()
+    counts = np.array([_counted(work, frames=number) for work, number in works])
+    seconds = np.array([work.seconds for work, _ in works])
+    default = np.array(Costs())
+    found, _ = nnls(counts * default / seconds[:, None], np.ones(len(works)))
+    return Costs(*(np.where(counts.any(axis=0), np.maximum(found, _LEAST), 1.0) * default).tolist())
+
+
+def _counted(work: Work, *, frames: int) -> tuple[int, ...]:
+    """How often each of the costs was paid, in their order."""
+    return frames, work.draws, work.triangles, work.requests, work.pixels, work.relief
+
+
+def _refined(costs: Costs, counts: tuple[int, ...], seconds: float) -> Costs:
+    """The costs after what has ``counts`` took so long. (Plain Python: with six numbers it is faster than arrays.)"""
+    parts = [cost * count for cost, count in zip(costs, counts, strict=True)]
+    predicted = sum(parts)
+    if predicted <= 0.0:
+        return costs
+    surprise = min(max(math.log(seconds / predicted), -_LARGEST), _LARGEST)
+    step = surprise * (_GROWTH if surprise > 0.0 else _SHRINKAGE)
+    shares = [part / predicted for part in parts]
+    moves = [agility * share for agility, share in zip(_AGILITY, shares, strict=True)]
+    whole = sum(move * share for move, share in zip(moves, shares, strict=True))
+    factors = [math.exp(step * min(move / whole, _FARTHEST)) for move in moves]
+    least = [_LEAST * cost for cost in Costs()]
+    return Costs(*(max(cost * factor, low) for cost, factor, low in zip(costs, factors, least, strict=True)))
