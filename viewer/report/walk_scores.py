@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.foundation.progress import Progress
+from viewer.cells.cell_cache import CellCache
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.judge import Judge, Scored
 from viewer.measuring.view_errors import pop
-from viewer.plan import Budget
+from viewer.plan import Budget, Plan
 from viewer.report.entries import by_technique, worst_views
 from viewer.report.options import CompareOptions
 from viewer.report.pictures import side_by_side
@@ -53,7 +54,11 @@ def score_walk(
     options: CompareOptions,
     tell: Progress,
 ) -> WalkScores:
-    """Walk again, and compare views spread over the walk; ``runs`` says where techniques came into other cells."""
+    """Walk again, and compare views spread over the walk.
+
+    ``runs`` are the frames that were timed: what techniques were told then they are told again, so that plans are the same,
+    and all that was captured is captured again.
+    """
     chosen = set(spread(len(steps), options.scored))
     compared = [entry.name for entry in options.entries if entry.name != REFERENCE]
     entered = {
@@ -70,7 +75,8 @@ def score_walk(
     walkers[REFERENCE] = make_technique(REFERENCE, scenes)
     names = [REFERENCE, *compared]
     film = _Film(out, names, options)
-    budget = Budget(1.0 / options.frames_per_second)
+    budgets = {name: [frame.budget for frame in runs[name]] for name in runs}
+    untimed = Budget(1.0 / options.frames_per_second)
     size = (main.camera.width, main.camera.height)
     with (
         Renderer(main.mesh, main.ground, size=size, measured=True, samples=options.samples) as renderer,
@@ -79,10 +85,12 @@ def score_walk(
         film as add,
     ):
         before: dict[str, DrawnPicture] = {}
-        for step in steps:
+        for i, step in enumerate(steps):
             tell(step.index, len(steps), "frames scored")
             view = step.pose.view(main.camera)
-            plans = {name: walkers[name].plan(view, now=step.time, budget=budget) for name in names}
+            told = {name: budgets[name][i] if name in budgets else untimed for name in names}
+            made = {name: walkers[name].plan(view, now=step.time, budget=told[name]) for name in names}
+            plans = {name: _captured(plan, renderer, cache) for name, plan in made.items()}
             if step.index in chosen and compared:
                 cell = main.whereabouts.cell_at(np.array(step.pose.eye), current=None)
                 place = next((plan.place for plan in plans.values() if plan.place), cell)
@@ -109,6 +117,16 @@ def score_walk(
         worst = worst_views(judge, compared, out)
     pops = {one.name: [value for (name, _), value in largest.items() if name == one.name] for one in options.entries}
     return WalkScores(scores, pops, worst, film.files)
+
+
+def _captured(plan: Plan, renderer: Renderer, cache: CellCache) -> Plan:
+    """What is left of a plan when its requests are executed. They are orders: each is executed once, drawn or not."""
+    if not plan.requests and not plan.drops:
+        return plan
+    cache.want(plan.cells)
+    cache.require(plan.cells)
+    renderer.execute(plan)
+    return replace(plan, requests=(), drops=())
 
 
 class _Film:
