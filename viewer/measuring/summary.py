@@ -1,4 +1,4 @@
-"""Many views in a few figures: a technique's entry in ``report.json``, and its frame times (DESIGN sections 6 and 7).
+"""Many views in a few figures: a technique's errors, when its views settled, and its frame times (DESIGN sections 6 and 7).
 
 All that comes out is plain floats and None, ready for JSON: no NaN, no infinity. Percentiles are interpolated linearly
 between the two values next to them (NumPy's default).
@@ -13,9 +13,18 @@ import numpy as np
 
 from viewer.measuring.view_errors import ViewErrors
 
-__all__ = ["ERRORS", "frame_summary", "summarise"]
+__all__ = ["ERRORS", "frame_summary", "settling_summary", "summarise"]
 
-ERRORS = ("hole_share", "wrong_share", "wrong_thickness_px", "displacement_px", "flip", "psnr_db", "ssim")
+ERRORS = (
+    "hole_share",
+    "wrong_share",
+    "wrong_thickness_px",
+    "displacement_px",
+    "flip",
+    "psnr_db",
+    "psnr_worst_db",
+    "ssim",
+)
 """The names of what :func:`summarise` tells."""
 
 
@@ -28,7 +37,8 @@ def summarise(errors: Sequence[ViewErrors]) -> dict[str, Any]:
       all pixels of all views;
     - ``flip``: means over views of a view's mean, of its 95th percentile (``p95``) and of its mean where it is disoccluded
       (``masked``, over the views that have such pixels, null where none has); null where FLIP was not asked for;
-    - ``psnr_db``: mean over the views that differ from the geometry's, null where none does.
+    - ``psnr_db``: mean over the views that differ from the geometry's, null where none does; ``psnr_worst_db`` is the
+      lowest of all views.
 
     Raises ValueError for no views at all.
     """
@@ -40,13 +50,15 @@ def summarise(errors: Sequence[ViewErrors]) -> dict[str, Any]:
         "p95": _mean([one.flip_p95 for one in errors]),
         "masked": _mean([one.flip_masked for one in errors]),
     }
+    psnr = [float(one.psnr_db) for one in errors if np.isfinite(one.psnr_db)]
     return {
         "hole_share": _mean([one.hole_share for one in errors]),
         "wrong_share": _mean([one.wrong_share for one in errors]),
         "wrong_thickness_px": _percentiles([one.thickness_px for one in errors], 50, 99),
         "displacement_px": {**displacement, "max": max(float(one.displacement_max_px) for one in errors)},
         "flip": None if flip["mean"] is None else flip,
-        "psnr_db": _mean([one.psnr_db for one in errors if np.isfinite(one.psnr_db)]),
+        "psnr_db": _mean(psnr),
+        "psnr_worst_db": min(psnr, default=None),
         "ssim": _mean([one.ssim for one in errors]),
     }
 
@@ -56,6 +68,31 @@ def frame_summary(seconds: Sequence[float]) -> dict[str, float]:
     if not len(seconds):
         raise ValueError("the time of one frame at least expected, found none")
     return _percentiles([1000.0 * one for one in seconds], 50, 95, 99)
+
+
+def settling_summary(settled: Sequence[int | None], layers: Sequence[int], *, held: int) -> dict[str, Any]:
+    """After how many frames a technique's views had settled, of views that were ``held`` for so many frames.
+
+    ``settled`` has None for a view that had not settled then, and ``layers`` says how many layers a view shows.
+
+    - ``settled_frames``: p50, p99 and max over the views that settled, null where none did; ``unsettled``: the others;
+    - ``layers``: p50 and max over all views;
+    - ``later_than_layers``: how many views took more frames than they have layers. One that has not settled took as many as
+      it was held for at least, and counts where those are more.
+
+    Raises ValueError for no views at all.
+    """
+    if not settled:
+        raise ValueError("one view at least expected, found none")
+    known = [one for one in settled if one is not None]
+    return {
+        "settled_frames": _percentiles(known, 50, 99) if known else None,
+        "unsettled": len(settled) - len(known),
+        "layers": _percentiles(layers, 50),
+        "later_than_layers": sum(
+            (held if after is None else after) > count for after, count in zip(settled, layers, strict=True)
+        ),
+    }
 
 
 def _percentiles(values: Sequence[float], *percents: int) -> dict[str, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -20,6 +21,8 @@ from mmi.programs.command_line import (
 )
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from viewer.scene.scene import WalkScene
     from viewer.walks.walk import Walk
 
@@ -33,6 +36,7 @@ _EXAMPLE = """\
 examples:
   compare-impostors out/helsinki -o out/comparison                        50 random views inside cells
   compare-impostors out/helsinki -o out/comparison --views 500 --seed 2 --techniques single-mesh,multi-mesh
+  compare-impostors out/helsinki -o out/held --views 40 --settle 16 --budget-ms 5      hold each view for 16 frames
   compare-impostors out/helsinki -o out/tour --tour 400 --video           walk 400 m, and film it
   compare-impostors out/helsinki -o out/walk --path walk.json
   compare-impostors out/helsinki -o out/mine --techniques full,multi-mesh,my_module:my_technique
@@ -81,9 +85,31 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         help=f"default: {_TECHNIQUES}; package.module:function is a technique of your own (a function of the scene, in a "
         "module that can be imported or is in the current folder)",
     )
+    frames = parser.add_argument_group("frames")
+    frames.add_argument(
+        "--fps",
+        type=float,
+        default=30.0,
+        metavar="N",
+        help="frames a second of walks and of views that are held (default: 30)",
+    )
+    frames.add_argument(
+        "--settle",
+        type=int,
+        metavar="N",
+        help="hold each random view for N frames, all of which are timed, and score the last one (default: 1); what a "
+        "technique captures at run time comes into the picture in these frames",
+    )
+    frames.add_argument(
+        "--budget-ms",
+        type=float,
+        default=math.inf,
+        metavar="MS",
+        help="milliseconds of each frame that captures at run time may take at most; 0 forbids them (default: what is left of "
+        "the frame)",
+    )
     walks = parser.add_argument_group("walks")
     walks.add_argument("--speed", type=float, default=5.0, metavar="M/S", help="speed of a tour (default: %(default)g)")
-    walks.add_argument("--fps", type=float, default=30.0, metavar="N", help="frames a second of the walk (default: 30)")
     walks.add_argument(
         "--scored", type=int, default=60, metavar="N", help="views of a walk that are measured (default: %(default)s)"
     )
@@ -125,6 +151,8 @@ def _compare(options: argparse.Namespace) -> None:
     for name, given in (("--video", options.video is not None), ("--save-path", options.save_path is not None)):
         if given and not walking:
             raise ParameterError(f"{name}: a walk expected (--path or --tour), found views")
+    if options.settle is not None and walking:
+        raise ParameterError("--settle: views to hold expected (--views), found a walk")
     if options.save_path is not None and options.tour is None:
         raise ParameterError("--save-path: a tour to save expected (--tour)")
 
@@ -139,6 +167,8 @@ def _compare(options: argparse.Namespace) -> None:
         chosen = CompareOptions(
             techniques=tuple(options.techniques),
             frames_per_second=options.fps,
+            settle=1 if options.settle is None else options.settle,
+            budget_ms=options.budget_ms,
             fade=options.fade,
             samples=options.antialias,
             cache=round(1e6 * options.cache),
@@ -150,7 +180,7 @@ def _compare(options: argparse.Namespace) -> None:
         )
     except ParameterError as error:
         name, colon, rest = str(error).partition(":")
-        names = {"frames_per_second": "fps", "samples": "antialias", "keep": "worst"}
+        names = {"frames_per_second": "fps", "budget_ms": "budget-ms", "samples": "antialias", "keep": "worst"}
         raise ParameterError(f"--{names.get(name, name)}{colon}{rest}") from None
     path = read_walk(options.path) if options.path is not None else None
 
@@ -183,6 +213,28 @@ def _compare(options: argparse.Namespace) -> None:
             _print_table(report, options.output)
 
 
+def _print_settling(report: dict[str, Any], talk: Console) -> None:
+    """After how many frames views had settled, where they were held."""
+    held = {name: one["settling"] for name, one in report["techniques"].items() if one["settling"] is not None}
+    if not held:
+        return
+    layers = next(iter(held.values()))["layers"]
+    talk.print(
+        f"\nviews that were held for {report['held_frames']} frames, and have {layers['p50']:g} / {layers['max']:g} layers:"
+    )
+    for name, one in held.items():
+        after = one["settled_frames"]
+        frames = (
+            "none settled"
+            if after is None
+            else f"settled after {after['p50']:g} / {after['p99']:.3g} / {after['max']:g} frames"
+        )
+        talk.print(
+            f"  {name}: {frames}, {one['unsettled']} not, {one['later_than_layers']} after more frames than layers"
+        )
+    talk.print("frames: p50 / p99 / max of the views that settled; layers: p50 / max", style="dim")
+
+
 def _print_table(report: dict[str, Any], out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
@@ -209,10 +261,12 @@ def _print_table(report: dict[str, Any], out: Path) -> None:
             f"{thick['p50']:.0f} / {thick['p99']:.0f} / {thick['max']:.0f}",
             f"{moved['p50']:.1f} / {moved['p99']:.1f} / {moved['max']:.1f}",
             "-" if one["flip"] is None else f"{one['flip']['mean']:.4f}",
-            "equal" if one["psnr_db"] is None else f"{one['psnr_db']:.1f}",
+            "equal" if one["psnr_db"] is None else f"{one['psnr_db']:.1f} / {one['psnr_worst_db']:.1f}",
             f"{one['ssim']:.4f}",
             times,
         )
     talk.print(table)
-    talk.print("thickness and displacement: p50 / p99 / max; frame: p50 / p99; - is not measured", style="dim")
+    note = "thickness and displacement: p50 / p99 / max; PSNR: mean / worst; frame: p50 / p99; - is not measured"
+    talk.print(note, style="dim")
+    _print_settling(report, talk)
     talk.print(f"{out / 'report.html'}", soft_wrap=True)

@@ -20,9 +20,9 @@ from mmi.foundation.errors import ParameterError
 from mmi.foundation.progress import Progress, silent
 from viewer.cells.cell_cache import CacheReport
 from viewer.cells.scene_cache import cell_cache
-from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.judge import Judge
+from viewer.measuring.summary import settling_summary
 from viewer.plan import Budget
 from viewer.report.baseline import single_mesh_scene
 from viewer.report.entries import (
@@ -35,6 +35,7 @@ from viewer.report.entries import (
     technique_of,
     worst_views,
 )
+from viewer.report.held_views import HeldView, held_again, hold_view, layers_shown
 from viewer.report.options import CompareOptions
 from viewer.report.page import write_report
 from viewer.report.walk_scores import score_walk, spread
@@ -48,8 +49,6 @@ __all__ = ["CompareOptions", "compare_views", "compare_walk"]
 
 _LONGEST_WEBP = 2 << 30
 """The frames of an animated WebP may take this many bytes: it is made of all of them at once."""
-_TIMINGS = 3
-"""A random view is drawn this many times, and the median of its frame times counts."""
 
 
 def compare_views(
@@ -63,6 +62,7 @@ def compare_views(
 ) -> dict[str, Any]:
     """Compare techniques in ``views`` random views inside the dataset's cells; the report that was written into ``out``.
 
+    Each view is held for as many frames as ``options.settle`` says, all of which are timed, and the last one is scored.
     ``progress`` is called with (done, of all, what is being done). Raises ParameterError, DatasetError, CaptureError.
     """
     options, tell = options or CompareOptions(), progress or silent
@@ -72,7 +72,8 @@ def compare_views(
     scenes = _scenes(main, out, cells, options, tell)
     size = (main.camera.width, main.camera.height)
     # Timed first, in peace: comparing takes all processors.
-    pictures: dict[str, list[DrawnPicture]] = {entry.name: [] for entry in options.entries}
+    held: dict[str, list[HeldView]] = {entry.name: [] for entry in options.entries}
+    layers: list[int] = []
     with (
         Renderer(main.mesh, main.ground, size=size, samples=options.samples) as renderer,
         cell_cache(scenes, renderer, capacity=options.cache) as cache,
@@ -81,12 +82,19 @@ def compare_views(
         for done, (_, pose) in enumerate(poses):
             tell(done, views, "views timed")
             view = pose.view(main.camera)
+            layers.append(layers_shown(make_technique(MAIN, scenes).plan(view, now=0.0, budget=Budget())))
             for entry in options.entries:
-                plan = make_technique(entry, scenes).plan(view, now=0.0, budget=Budget())
-                cache.want(plan.cells)
-                cache.require(plan.cells)
-                again = [renderer.draw(plan, view, read=False) for _ in range(_TIMINGS)]
-                pictures[entry.name].append(sorted(again, key=lambda picture: picture.seconds)[_TIMINGS // 2])
+                held[entry.name].append(
+                    hold_view(
+                        make_technique(entry, scenes),
+                        renderer,
+                        cache,
+                        view,
+                        frames=options.settle,
+                        frames_per_second=options.frames_per_second,
+                        updates=1e-3 * options.budget_ms,
+                    )
+                )
     compared = [entry for entry in options.entries if entry.name != REFERENCE]
     with (
         Renderer(main.mesh, main.ground, size=size, measured=True) as renderer,
@@ -98,23 +106,30 @@ def compare_views(
             view = pose.view(main.camera)
             truth = judge.truth(make_technique(REFERENCE, scenes).plan(view, now=0.0, budget=Budget()), pose, cell)
             for entry in compared:
-                plan = make_technique(entry, scenes).plan(view, now=0.0, budget=Budget())
-                judge.score(entry.name, plan, pose, truth, cell=cell)
+                technique = make_technique(entry, scenes)
+                with held_again(technique, renderer, cache, view, held[entry.name][done]) as plan:
+                    judge.score(entry.name, plan, pose, truth, cell=cell)
         tell(views, views, "views scored")
         scores = by_technique(judge.results())
         worst = worst_views(judge, [entry.name for entry in compared], out)
+    settled = {entry.name: [one.settled for one in held[entry.name]] for entry in compared}
+    frames = {name: [frame for one in some for frame in one.frames] for name, some in held.items()}
     techniques = {
         entry.name: technique_of(
             entry,
             scores.get(entry.name),
-            seconds=[picture.seconds for picture in pictures[entry.name]],
-            gpu=[picture.gpu_seconds for picture in pictures[entry.name]],
-            sent=[(picture.triangles, picture.draws) for picture in pictures[entry.name]],
+            seconds=[frame.seconds for frame in frames[entry.name]],
+            gpu=[frame.gpu for frame in frames[entry.name]],
+            sent=[(frame.triangles, frame.draws) for frame in frames[entry.name]],
+            settling=settling_summary(settled[entry.name], layers, held=options.settle)
+            if entry.name in settled and options.settle > 1
+            else None,
         )
         for entry in options.entries
     }
-    report = report_of(main, device, mode="views", views=views, seed=seed, techniques=techniques)
-    report |= {"walk": None, "series": None, "scored": scored_views(scores), "worst": worst, "videos": []}
+    report = report_of(main, device, options, mode="views", views=views, seed=seed, techniques=techniques)
+    told = scored_views(scores, frames=settled if options.settle > 1 else {}, layers=layers)
+    report |= {"walk": None, "series": None, "scored": told, "worst": worst, "videos": []}
     write_report(report, out)
     return report
 
@@ -173,9 +188,8 @@ def compare_walk(
         )
         for entry in options.entries
     }
-    report = report_of(
-        main, device, mode=mode, views=len(spread(len(steps), options.scored)), seed=None, techniques=techniques
-    )
+    scored = len(spread(len(steps), options.scored))
+    report = report_of(main, device, options, mode=mode, views=scored, seed=None, techniques=techniques)
     report |= {
         "walk": {
             "name": walk.name,

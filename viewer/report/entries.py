@@ -13,6 +13,7 @@ import numpy as np
 from viewer.cells.cell_cache import CacheReport
 from viewer.measuring.judge import Judge, Scored
 from viewer.measuring.summary import ERRORS, frame_summary, summarise
+from viewer.report.options import CompareOptions
 from viewer.report.pictures import save_picture, triptych
 from viewer.runtime.loop import FrameTimes
 from viewer.scene.scene import WalkScene
@@ -39,6 +40,7 @@ _AWKWARD = re.compile(r"[^\w.-]+")
 def report_of(
     scene: WalkScene,
     device: str,
+    options: CompareOptions,
     *,
     mode: str,
     views: int,
@@ -51,7 +53,7 @@ def report_of(
     promised = [cell.promised_error_px for cell in manifest.cells if cell.promised_error_px is not None]
     rate = {name: 1.0 / max(one["frame_ms"]["p50"], 1e-9) for name, one in techniques.items()}
     return {
-        "format_version": 2,
+        "format_version": 3,
         "program": "compare-impostors",
         "dataset": {
             "name": scene.dataset.path.resolve().name,
@@ -67,6 +69,9 @@ def report_of(
         "mode": mode,
         "views": views,
         "seed": seed,
+        "held_frames": options.settle if mode == "views" else None,
+        "frames_per_second": options.frames_per_second,
+        "budget_ms": options.budget_ms if math.isfinite(options.budget_ms) else None,
         "techniques": techniques,
         "ratios": {
             name: {other: rate[name] / rate[other] if other in rate else None for other in ("full", "visible", "local")}
@@ -82,6 +87,7 @@ def technique_of(
     seconds: Sequence[float],
     gpu: Sequence[float | None],
     sent: Sequence[tuple[int, int]],
+    settling: dict[str, Any] | None = None,
     pop: dict[str, Any] | None = None,
     loading: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
@@ -95,6 +101,7 @@ def technique_of(
         "layered": entry.layered,
         "origin": None if origin is None else {"function": origin.target, "version": origin.version},
         **(dict.fromkeys(ERRORS) if scored is None else summarise([one.errors for one in scored])),
+        "settling": settling,
         "pop": pop,
         "frame_ms": frame_summary(seconds),
         "gpu_ms": gpu_times(gpu),
@@ -145,8 +152,18 @@ def by_technique(scored: Sequence[Scored]) -> dict[str, list[Scored]]:
     return grouped
 
 
-def scored_views(scores: Mapping[str, Sequence[Scored]]) -> dict[str, list[dict[str, Any]]]:
-    """What the report says of every scored view."""
+def scored_views(
+    scores: Mapping[str, Sequence[Scored]],
+    *,
+    frames: Mapping[str, Sequence[int | None]] | None = None,
+    layers: Sequence[int] | None = None,
+) -> dict[str, list[dict[str, Any]]]:
+    """What the report says of every scored view.
+
+    ``frames``: after how many frames the views of a technique had settled, for those that were held; ``layers``: how many
+    layers multi-mesh draws in each view.
+    """
+    known = frames or {}
     return {
         name: [
             {
@@ -155,8 +172,11 @@ def scored_views(scores: Mapping[str, Sequence[Scored]]) -> dict[str, list[dict[
                 "wrong_thickness_px": one.errors.thickness_px,
                 "displacement_px": one.errors.displacement_max_px,
                 "flip_mean": one.errors.flip_mean,
+                "psnr_db": one.errors.psnr_db if math.isfinite(one.errors.psnr_db) else None,
+                "frames": known[name][i] if name in known else None,
+                "layers": None if layers is None else layers[i],
             }
-            for one in some
+            for i, one in enumerate(some)
         ]
         for name, some in scores.items()
     }

@@ -24,7 +24,9 @@ class CompareOptions:
     plug-ins (:func:`viewer.techniques.catalogue.find_technique`); ``entries`` is what they come to.
     ``fade`` seconds of cross-fade at changes of cells; ``samples`` of multisampling in timed frames and videos; ``cache``
     bytes for cells in memory; ``scored`` views spread over a walk; ``keep`` worst views a technique as pictures; without
-    ``flip`` that measure, by far the slowest, is left out; ``video`` is the suffix of a film of the walk.
+    ``flip`` that measure, by far the slowest, is left out; ``video`` is the suffix of a film of the walk; ``settle`` frames for
+    which each random view is held, the last of which is scored; ``budget_ms`` milliseconds of a frame that updates may take at
+    most: infinity leaves them what the frame leaves, 0 forbids them.
     """
 
     techniques: tuple[str | Callable[..., Any] | PlugIn, ...] = tuple(TECHNIQUES)
@@ -37,6 +39,8 @@ class CompareOptions:
     flip: bool = True
     video: str | None = None
     workers: int = 1
+    settle: int = 1
+    budget_ms: float = math.inf
     entries: tuple[TechniqueEntry, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -50,6 +54,7 @@ class CompareOptions:
         object.__setattr__(self, "entries", entries)
         for name, least, most in (
             ("frames_per_second", 1.0, 240.0),
+            ("settle", 1, 10_000),
             ("fade", 0.0, 10.0),
             ("cache", 1_000_000, 1 << 40),
             ("scored", 1, 100_000),
@@ -59,5 +64,7 @@ class CompareOptions:
             value = getattr(self, name)
             if not (math.isfinite(value) and least <= value <= most):
                 raise ParameterError(f"{name}: a number from {least:g} to {most:g} expected, found {value!r}")
+        if not self.budget_ms >= 0.0:
+            raise ParameterError(f"budget_ms: 0 or more expected, found {self.budget_ms!r}")
         if self.samples not in _SAMPLES:
             raise ParameterError(f"samples: one of {', '.join(map(str, _SAMPLES))} expected, found {self.samples!r}")

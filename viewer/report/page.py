@@ -21,8 +21,8 @@ from mmi.foundation.errors import DatasetError
 from mmi.foundation.json_forms import readable_json
 from mmi.foundation.whole_files import write_whole
 from mmi.inspection.figures import counted, encoded
-from viewer.report.plots import distributions, errors_along_walk, frame_times
-from viewer.report.tables import LIKENESS, LOADING, TIMES, WRONG, glossary, key, plain, table
+from viewer.report.plots import distributions, errors_along_walk, frame_times, settling
+from viewer.report.tables import LIKENESS, LOADING, SETTLING, TIMES, WRONG, glossary, key, plain, table
 
 __all__ = ["write_report"]
 
@@ -83,6 +83,14 @@ def _page(report: Mapping[str, Any], folder: Path) -> str:
         plots.append(
             _figure(distributions(scored, promise_px=promise), "The share of views whose error is at most so large")
         )
+    held = (report["held_frames"] or 1) > 1
+    if held and scored:
+        plots.append(
+            _figure(
+                settling(scored, held=report["held_frames"]),
+                "The share of views that had settled after so many frames; dashed: that have at most so many layers",
+            )
+        )
     parts = [
         f"<h1>{title}</h1>",
         f"<p>{_summary(report)}</p>",
@@ -91,11 +99,13 @@ def _page(report: Mapping[str, Any], folder: Path) -> str:
         table(report, WRONG),
         table(report, LIKENESS),
         f"<p>{_promise(report)}</p>",
-        glossary(report, (*WRONG, *LIKENESS)),
+        table(report, SETTLING),
+        glossary(report, (*WRONG, *LIKENESS, *SETTLING)),
         "<h2>Speed</h2>",
         table(report, TIMES),
         table(report, LOADING),
-        "<p>Times depend on the machine and on what else it does; ratios within this run do so less.</p>",
+        f"<p>{_times(report) if held else ''}Times depend on the machine and on what else it does; ratios within this run do "
+        "so less.</p>",
         *(["<h2>Plots</h2>", *plots] if plots else []),
         *_worst_views(report, folder),
         *_videos(report["videos"]),
@@ -122,11 +132,23 @@ def _summary(report: Mapping[str, Any]) -> str:
             f"{counted(report['views'], 'view')} along {path} ({walk['name']}: {counted(walk['frames'], 'frame')}, "
             f"{walk['metres']:,.0f} m in {plain(walk['seconds'])} s, {counted(walk['legs'], 'leg')})"
         )
+    if (report["held_frames"] or 1) > 1:
+        views += f", each of them held for {report['held_frames']:,} frames before it is scored"
+    if report["budget_ms"] is not None:
+        views += f", with at most {plain(report['budget_ms'])} ms of a frame for updates"
     size = f"{display['width']}\N{NO-BREAK SPACE}×\N{NO-BREAK SPACE}{display['height']}"
     return escape(
         f"This page compares {listed} with {report['reference']}, which draws all of the geometry, in {views}, at "
         f"{size} pixels and {plain(display['fov_deg'])}° on {report['device']}. "
         f"The dataset {dataset['name']} has {counted(dataset['cells'], 'cell')} and was made from {dataset['source']}."
+    )
+
+
+def _times(report: Mapping[str, Any]) -> str:
+    """Which frames of held views were timed, as HTML."""
+    return (
+        f"Each view was held for {report['held_frames']:,} frames, and the times of all of them count, those in which images "
+        "were captured included. "
     )
 
 

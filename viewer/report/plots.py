@@ -16,11 +16,11 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
 from mmi.inspection.figures import INK, SMALL, new_figure, tidy
 
-__all__ = ["Scored", "distributions", "errors_along_walk", "frame_times", "technique_color"]
+__all__ = ["Scored", "distributions", "errors_along_walk", "frame_times", "settling", "technique_color"]
 
 Scored = Mapping[str, Sequence[Mapping[str, Any]]]
 """The errors of each view, as in report.json, by the name of the technique."""
@@ -151,6 +151,36 @@ def distributions(scored: Scored, *, promise_px: float | None) -> Figure:
     right.set_xlabel("wrong (% of pixels)", fontsize=SMALL)
     _legend(figure, scored)
     return figure
+
+
+def settling(scored: Scored, *, held: int) -> Figure:
+    """For each number of frames up to ``held``, the share of views that had settled then; dashed, the layers of views.
+
+    A view that had not settled when it was scored never counts.
+    """
+    figure = new_figure(8.0, 3.4)
+    axes = figure.subplots()
+
+    layers = [view["layers"] for view in next(iter(scored.values()))]
+    end = max(held, *layers)
+    axes.step(*_shares(layers, end), where="post", color=INK, linestyle="--", linewidth=0.9)
+    for name, views in scored.items():
+        edges, shares = _shares([view["frames"] for view in views], end)
+        axes.step(edges, shares, where="post", color=technique_color(name), linewidth=1.2, zorder=_order(name))
+    axes.set_xlim(0, end)
+    axes.set_ylim(0.0, 103.0)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    _finish(axes, "views (%) settled within")
+    axes.set_xlabel("frames; dashed: layers", fontsize=SMALL)
+    _legend(figure, scored)
+    return figure
+
+
+def _shares(values: Sequence[int | None], end: int) -> tuple[list[int], list[float]]:
+    """Steps from 0 to ``end``: the percentage of values that are known and no larger."""
+    known = sorted(one for one in values if one is not None)
+    shares = [100.0 * i / len(values) for i in range(len(known) + 1)]
+    return [0, *known, end], [*shares, shares[-1]]
 
 
 def _most(scored: Scored, key: str) -> float:

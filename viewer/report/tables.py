@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from viewer.report.plots import technique_color
 
-__all__ = ["LIKENESS", "LOADING", "TIMES", "WRONG", "Column", "glossary", "key", "plain", "table"]
+__all__ = ["LIKENESS", "LOADING", "SETTLING", "TIMES", "WRONG", "Column", "glossary", "key", "plain", "table"]
 
 _How = Literal["plain", "percent", "fourth", "psnr", "promised", "megabytes", "times"]
 
@@ -43,11 +43,21 @@ LIKENESS = (
     Column("FLIP", "mean", ("flip", "mean"), "fourth"),
     Column("FLIP", "p95", ("flip", "p95"), "fourth"),
     Column("FLIP", "masked", ("flip", "masked"), "fourth"),
-    Column("PSNR", "dB", ("psnr_db",), "psnr"),
+    Column("PSNR, dB", "mean", ("psnr_db",), "psnr"),
+    Column("PSNR, dB", "worst", ("psnr_worst_db",), "psnr"),
     Column("SSIM", "", ("ssim",), "fourth"),
     Column("pop, FLIP", "switches", ("pop", "switches")),
     Column("pop, FLIP", "mean", ("pop", "mean"), "fourth"),
     Column("pop, FLIP", "max", ("pop", "max"), "fourth"),
+)
+SETTLING = (
+    Column("settled after, frames", "p50", ("settling", "settled_frames", "p50")),
+    Column("settled after, frames", "p99", ("settling", "settled_frames", "p99")),
+    Column("settled after, frames", "max", ("settling", "settled_frames", "max")),
+    Column("views that settled", "not", ("settling", "unsettled")),
+    Column("views that settled", "later than layers", ("settling", "later_than_layers")),
+    Column("layers of a view", "p50", ("settling", "layers", "p50")),
+    Column("layers of a view", "max", ("settling", "layers", "max")),
 )
 TIMES = (
     Column("frame, ms", "p50", ("frame_ms", "p50"), of_reference=True),
@@ -99,9 +109,19 @@ _TERMS = (
         "what the capture of the cell cannot have seen.",
     ),
     (
-        "PSNR",
+        "PSNR, dB",
         "PSNR, SSIM",
         "The peak signal-to-noise ratio and the structural similarity of two pictures (1 where they are alike).",
+    ),
+    (
+        "settled after, frames",
+        "settled",
+        "A view has settled when the technique captures nothing for it any more and draws the same frame after frame.",
+    ),
+    (
+        "layers of a view",
+        "layers",
+        "How many layers multi-mesh draws in the view. A technique that captures one in each frame settles after so many.",
     ),
     (
         "pop, FLIP",

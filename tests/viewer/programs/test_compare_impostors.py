@@ -42,6 +42,17 @@ def test_views_are_compared_and_a_table_is_printed(capsys, dataset, tmp_path):
 
 
 @pytest.mark.usefixtures("one_process")
+def test_views_are_held_and_it_is_said_when_they_had_settled(capsys, dataset, tmp_path):
+    held = ["--views", 2, "--settle", 3, "--budget-ms", 2.5, "--fps", 20, *QUICK]
+    status, out, err = run(capsys, dataset.path, "-o", tmp_path, *held)
+    assert (status, err) == (0, "")
+    assert "views that were held for 3 frames" in out
+    assert "multi-mesh: settled after 0 / 0 / 0 frames, 0 not, 0 after more frames than layers" in out
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert (report["held_frames"], report["budget_ms"], report["frames_per_second"]) == (3, 2.5, 20.0)
+
+
+@pytest.mark.usefixtures("one_process")
 def test_json_is_all_there_is_on_standard_output(capsys, dataset, tmp_path):
     status, out, _ = run(capsys, dataset.path, "-o", tmp_path, "--views", 1, "--json", *QUICK)
     assert status == 0
@@ -104,6 +115,11 @@ def test_a_tour_is_saved_and_walked_again(capsys, dataset, tmp_path):
         (["--tour", "9", "--speed", "0"], "speed"),
         (["--tour", "9", "--fps", "0"], "--fps"),
         (["--tour", "9", "--fade", "-1"], "--fade"),
+        (["--settle", "0"], "--settle"),
+        (["--settle", "x"], "--settle"),
+        (["--tour", "9", "--settle", "2"], "--settle.*views.*walk"),
+        (["--budget-ms", "-1"], "--budget-ms"),
+        (["--budget-ms", "nan"], "--budget-ms"),
         (["--antialias", "-2"], "--antialias"),
         (["--antialias", "3"], "--antialias"),
         (["--tour", "9000", "--video", "webp"], "--video.*mp4"),

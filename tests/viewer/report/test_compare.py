@@ -168,6 +168,9 @@ def test_what_loading_took_is_told(walked):
         ({"fade": -1.0}, "fade"),
         ({"cache": 0}, "cache"),
         ({"scored": 0}, "scored"),
+        ({"settle": 0}, "settle"),
+        ({"budget_ms": -1.0}, "budget_ms"),
+        ({"budget_ms": float("nan")}, "budget_ms"),
     ],
 )
 def test_options_without_meaning_are_refused(changed, named):

@@ -16,9 +16,10 @@ from PIL import Image, ImageFont
 
 import viewer.report.page
 from mmi.foundation.errors import DatasetError
+from viewer.measuring.summary import settling_summary
 from viewer.report.page import write_report
 from viewer.report.pictures import save_picture, triptych
-from viewer.report.plots import distributions, errors_along_walk, frame_times, technique_color
+from viewer.report.plots import distributions, errors_along_walk, frame_times, settling, technique_color
 
 SCHEMA = json.loads((Path(viewer.report.page.__file__).parent / "schemas" / "report.json").read_text(encoding="utf-8"))
 VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
@@ -48,12 +49,14 @@ def technique(name, views, frames, walked):
         "displacement_px": quantiles(moved, "p50", "p99", "max"),
         "flip": {"mean": NATURE[name][1], "p95": 2 * NATURE[name][1], "masked": 0.41},
         "psnr_db": None if name == "visible" else 34.56,
+        "psnr_worst_db": None if name == "visible" else 21.98,
         "ssim": 0.98765,
     }
     return {
         "layered": layered,
         "origin": None,
         **(dict.fromkeys(errors) if reference else errors),
+        "settling": None,
         "pop": {"switches": 6, "mean": -0.0012, "max": 0.0345} if walked and layered else None,
         "frame_ms": quantiles(frames, "p50", "p95", "p99", "max"),
         "gpu_ms": None,
@@ -84,6 +87,9 @@ def report_of(walked, *, names=tuple(NATURE), seconds=40.0, title="helsinki"):
                 "wrong_thickness_px": float(np.round(thick * rng.uniform(0.3, 1.8), 1)),
                 "displacement_px": float(thick * rng.uniform(0.3, 1.2)),
                 "flip_mean": None if name == "visible" else float(wrong * 0.7),
+                "psnr_db": None if name == "visible" else 31.5,
+                "frames": None,
+                "layers": None if walked else 4,
             }
             for time in times[::25]
         ]
@@ -100,6 +106,7 @@ def report_of(walked, *, names=tuple(NATURE), seconds=40.0, title="helsinki"):
             view = sorted(scored[name], key=lambda one: -one["wrong_thickness_px"])[rank - 1]
             place = {"cell": None if rank == 2 else "w12-3", "eye": [12.3, -45.6, 1.7], "azimuth_deg": -30.0}
             more = {"pitch_deg": 5.0, "hole_share": 0.001, "picture": f"worst/{name}-0{rank}.png"}
+            view = {key: value for key, value in view.items() if key not in ("psnr_db", "frames", "layers")}
             worst.append({"technique": name, "rank": rank, **view, **place, **more})
     walk = {
         "name": "Kruununhaka",
@@ -110,7 +117,7 @@ def report_of(walked, *, names=tuple(NATURE), seconds=40.0, title="helsinki"):
     }
     rate = {name: 1.0 / techniques[name]["frame_ms"]["p50"] for name in techniques}
     return {
-        "format_version": 2,
+        "format_version": 3,
         "program": "compare-impostors",
         "dataset": {
             "name": title,
@@ -126,6 +133,9 @@ def report_of(walked, *, names=tuple(NATURE), seconds=40.0, title="helsinki"):
         "mode": "tour" if walked else "views",
         "views": len(times[::25]),
         "seed": None if walked else 3,
+        "held_frames": None if walked else 1,
+        "frames_per_second": 25.0,
+        "budget_ms": None,
         "walk": {**walk, "legs": 1} if walked else None,
         "techniques": techniques,
         "ratios": {
@@ -137,6 +147,20 @@ def report_of(walked, *, names=tuple(NATURE), seconds=40.0, title="helsinki"):
         "worst": worst,
         "videos": ["walk.mp4", "walk 2.webp"] if walked else [],
     }
+
+
+def hold(report, frames=16):
+    """Let the views of a fake report have been held. Those of multi-mesh settle after 0, 1, ... frames, others at once."""
+    report["held_frames"], report["budget_ms"] = frames, 5.0
+    for name, views in report["scored"].items():
+        for i, view in enumerate(views):
+            view["frames"] = 0 if name != "multi-mesh" else i % (frames + 4)
+            view["frames"] = None if view["frames"] >= frames else view["frames"]
+            view["layers"] = 2 + i % 9
+        settled = [view["frames"] for view in views]
+        summary = settling_summary(settled, [view["layers"] for view in views], held=frames)
+        report["techniques"][name]["settling"] = summary
+    return report
 
 
 def street(size=512):
@@ -290,8 +314,18 @@ def test_tables_hold_the_numbers_and_mark_what_breaks_the_promise(tmp_path):
         "0.0060",
         "0.4100",
     ]
-    assert row(page, "multi-mesh", 0) == [*expected, "34.6", "0.9877", "6", "−0.0012", "0.0345"]
-    assert row(page, "visible", 0)[9:] == ["0.0000", "0.0000", "0.4100", "identical", "0.9877", "–", "–", "–"]
+    assert row(page, "multi-mesh", 0) == [*expected, "34.6", "22.0", "0.9877", "6", "−0.0012", "0.0345"]
+    assert row(page, "visible", 0)[9:] == [
+        "0.0000",
+        "0.0000",
+        "0.4100",
+        "identical",
+        "identical",
+        "0.9877",
+        "–",
+        "–",
+        "–",
+    ]
     assert row(page, "full", 0) == ["full", *2 * ["what the others are compared with"]]
     speed = row(page, "multi-mesh", 1)
     ratios = report["ratios"]["multi-mesh"]
@@ -305,9 +339,43 @@ def test_groups_without_any_value_are_left_out_and_techniques_that_were_not_run_
     assert "pop, FLIP" in walked.texts
     assert "pop, FLIP" not in sampled.texts
     assert "waiting for cells" not in sampled.texts
-    assert [len(one) for one in sampled.rows if one[0] == "local"] == [1 + 8, 1 + 5, 1 + 7, 1 + 2]
+    assert [len(one) for one in sampled.rows if one[0] == "local"] == [1 + 8, 1 + 6, 1 + 7, 1 + 2]
+    assert "settled after, frames" not in sampled.texts
     few = page_of(report_of(False, names=("full", "multi-mesh")), tmp_path)
     assert row(few, "multi-mesh", 1)[6:8] == ["–", "–"]
+
+
+def test_views_that_were_held_have_a_table_and_a_diagram_of_when_they_settled(tmp_path):
+    report = hold(report_of(False))
+    assert list(VALIDATOR.iter_errors(report)) == []
+    page = page_of(report, tmp_path)
+    found = report["techniques"]["multi-mesh"]["settling"]
+    assert found["unsettled"] == 8, "16 to 19 frames, twice in 40 views"
+    shown = [found["settled_frames"][key] for key in ("p50", "p99", "max")]
+    shown += [found["unsettled"], found["later_than_layers"], found["layers"]["p50"], found["layers"]["max"]]
+    third = [one for one in page.rows if one[0] == "multi-mesh"][2]
+    assert third[1:] == [f"{one:.3g}" for one in shown]
+    assert (
+        ", each of them held for 16 frames before it is scored, with at most 5 ms of a frame for updates, at"
+        in page.text
+    )
+    assert "Each view was held for 16 frames, and the times of all of them count" in page.text
+    assert "The share of views that had settled after so many frames" in page.text
+    assert "The share of views that had settled" not in page_of(report_of(False), tmp_path).text
+
+
+def test_the_diagram_of_settling_counts_views_that_have_not_settled_as_never_settling():
+    views = [{"frames": after, "layers": layers} for after, layers in ((0, 1), (2, 1), (2, 5), (None, 5), (7, 4))]
+    [axes] = settling({"multi-mesh": views}, held=8).axes
+    x, y = lines(axes)[technique_color("multi-mesh")]
+    for frames, share in ((0.0, 20.0), (1.9, 20.0), (2.0, 60.0), (6.9, 60.0), (7.0, 80.0), (8.0, 80.0)):
+        assert y[x <= frames][-1] == pytest.approx(share)
+    [layers] = [line for line in axes.lines if line.get_linestyle() == "--"]
+    x, y = map(np.asarray, layers.get_data())
+    for count, share in ((0.9, 0.0), (1.0, 40.0), (4.0, 60.0), (5.0, 100.0), (8.0, 100.0)):
+        assert y[x <= count][-1] == pytest.approx(share)
+    none = settling({"multi-mesh": [{"frames": None, "layers": 0}]}, held=8)
+    assert lines(none.axes[0])[technique_color("multi-mesh")][1].max() == 0.0
 
 
 def test_only_terms_whose_columns_are_there_are_explained(tmp_path):
@@ -322,13 +390,15 @@ def test_only_terms_whose_columns_are_there_are_explained(tmp_path):
     for one in report["techniques"].values():
         one["flip"] = one["pop"] = None
     assert terms(report) == [term for term in everything if term not in ("FLIP", "pop")]
+    held = terms({**hold(report_of(False)), "worst": []})
+    assert held[-3:] == ["settled", "layers", "p50, p95, p99"]
     alone = {**report_of(False, names=("full",)), "worst": []}
     assert terms(alone) == []
 
 
 def test_no_table_is_wider_than_a_window_of_1000_pixels(tmp_path):
     """In DejaVu Sans, wider than most fonts, in 13 pixels as the page has it: a browser agrees to within a few pixels."""
-    report = report_of(True, seconds=8.0)
+    report = hold(report_of(True, seconds=8.0))
     for one in report["techniques"].values():
         one["gpu_ms"] = one["frame_ms"]
     font = ImageFont.truetype(get_data_path() + "/fonts/ttf/DejaVuSans-Bold.ttf", 13)
@@ -339,7 +409,7 @@ def test_no_table_is_wider_than_a_window_of_1000_pixels(tmp_path):
             tables.append([one for one in rest if len(one) == max(map(len, rest))])
             rest = []
         rest.append(row)
-    assert len(tables) == 4
+    assert len(tables) == 5
     for table in tables:
         texts = [max(map(font.getlength, column)) for column in zip(*table, strict=True)]
         assert sum(texts) + 14.4 * len(texts) + 18.4 < 1000 - 32, "padding, and the technique's colour"
@@ -515,7 +585,10 @@ NAMED = {("techniques",), ("ratios",), ("series",), ("scored",)}
 def test_every_field_is_wanted_and_no_other_is_let_in():
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
     report = report_of(True, names=("full", "multi-mesh"), seconds=8.0)
-    report["techniques"]["multi-mesh"]["origin"] = {"function": "my_module:mine", "version": "1"}
+    report["techniques"]["multi-mesh"] |= {
+        "origin": {"function": "my_module:mine", "version": "1"},
+        "settling": settling_summary([0, None], [3, 4], held=8),
+    }
     for way in objects(report):
         part = report
         for key in way:

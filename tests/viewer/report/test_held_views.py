@@ -1,0 +1,210 @@
+"""Views that are held: by a technique that captures what it shows, a part in each frame, and by those that capture nothing."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+import viewer
+from viewer.cells.scene_cache import cell_cache
+from viewer.drawing.renderer import Renderer
+from viewer.plan import Budget, CellKey, CellLayers, ImageKey, Objects, Plan, Relief, ReliefPart, Request, Sky, Slot
+from viewer.report.compare import CompareOptions, compare_views
+from viewer.report.held_views import held_again, hold_view, layers_shown, settled_after
+from viewer.scene.follower import Follower
+from viewer.techniques.catalogue import make_technique
+from viewer.walks.walk import Pose
+
+SCHEMA = json.loads((Path(viewer.__file__).parent / "report" / "schemas" / "report.json").read_text())
+IMAGE = ImageKey("gradual", "all")
+PARTS = 3
+VIEW = Pose((50.0, 0.0, 1.7), 0.3, 0.0)
+
+
+class Gradual:
+    """Captures what is visible in a few parts, one in each frame, and draws it when it has them all; near objects till then.
+
+    It captures nothing before it has been told what a frame took, nor where updates are forbidden.
+    """
+
+    name = "gradual"
+
+    def __init__(self, scene):
+        self._follower, self._scene = Follower(scene), scene
+        self.captured = 0
+        self.budgets, self.times, self.plans = [], [], []
+
+    def plan(self, view, *, now, budget):
+        self.budgets.append(budget)
+        self.times.append(now)
+        place = self._follower.move(view.eye).cell
+        requests = ()
+        if budget.updates > 0.0 and budget.done is not None and self.captured < PARTS:
+            objects = place.visible[self.captured :: PARTS]
+            part = Objects(f"part {self.captured} of {place.cell.id}", objects)
+            requests = (Request(Slot(IMAGE, view.window[2:]), view, (part,), clear=not self.captured),)
+            self.captured += 1
+        shown = Objects(f"near {place.cell.id}", place.near)
+        if self.captured == PARTS:
+            shown = Relief(IMAGE, (ReliefPart(view, (0, 0), 100.0),))
+        self.plans.append(Plan((shown, self._scene.ground_in(view), Sky()), place=place.cell.id, requests=requests))
+        return self.plans[-1]
+
+
+def gradual(scene):
+    """The technique as one of somebody's own."""
+    return Gradual(scene)
+
+
+def options(*techniques, **more):
+    return CompareOptions(techniques=techniques, keep=0, flip=False, **more)
+
+
+def without_times(entry):
+    return {name: value for name, value in entry.items() if not name.endswith("_ms")}
+
+
+@pytest.fixture(scope="module")
+def renderer(scene):
+    with Renderer(scene.mesh, scene.ground, size=(scene.camera.width, scene.camera.height), measured=True) as renderer:
+        yield renderer
+
+
+@pytest.fixture(scope="module")
+def cache(scene, renderer):
+    with cell_cache({"multi-mesh": scene}, renderer, measured=True) as cache:
+        yield cache
+
+
+def test_a_view_that_is_held_is_scored_when_it_has_settled(dataset, tmp_path):
+    """Its first frame is as wrong as near geometry alone, its last is the geometry."""
+    report = {
+        frames: compare_views(dataset.path, tmp_path, views=6, seed=5, options=options("local", gradual, settle=frames))
+        for frames in (1, PARTS + 2, PARTS)
+    }
+    for one in report.values():
+        jsonschema.validate(one, SCHEMA)
+    own = next(name for name in report[1]["techniques"] if name != "local")
+    first, last, early = (report[frames]["techniques"] for frames in (1, PARTS + 2, PARTS))
+    assert first[own]["hole_share"] == first["local"]["hole_share"] > 0.001
+    assert first[own]["settling"] is None
+    assert first["local"]["wrong_thickness_px"]["max"] > 10.0 > 1.0 >= last[own]["wrong_thickness_px"]["max"]
+    assert last[own]["psnr_db"] > last[own]["psnr_worst_db"] > 45.0 > 30.0 > first["local"]["psnr_worst_db"]
+    assert last[own]["psnr_worst_db"] == min(one["psnr_db"] for one in report[PARTS + 2]["scored"][own])
+    assert last["local"]["hole_share"] == first["local"]["hole_share"]
+    # A first frame that captures nothing, then three that do.
+    assert {one["frames"] for one in report[PARTS + 2]["scored"][own]} == {PARTS + 1}
+    layers = [one["layers"] for one in report[PARTS + 2]["scored"][own]]
+    assert max(layers) > 0
+    assert last[own]["settling"] == {
+        "settled_frames": dict.fromkeys(("p50", "p99", "max"), PARTS + 1.0),
+        "unsettled": 0,
+        "layers": {"p50": np.median(layers), "max": max(layers)},
+        "later_than_layers": sum(one < PARTS + 1 for one in layers),
+    }
+    assert last["local"]["settling"]["settled_frames"]["max"] == 0.0
+    assert early[own]["settling"]["unsettled"] == 6
+    assert early[own]["settling"]["settled_frames"] is None
+    assert {one["frames"] for one in report[PARTS]["scored"][own]} == {None}
+    assert early[own]["hole_share"] == first["local"]["hole_share"], "shown when it is whole"
+
+
+def test_updates_that_are_forbidden_never_come(dataset, tmp_path):
+    found = compare_views(dataset.path, tmp_path, views=2, options=options("local", gradual, settle=5, budget_ms=0.0))
+    local, own = found["techniques"].values()
+    assert (found["budget_ms"], found["held_frames"]) == (0.0, 5)
+    assert own["hole_share"] == local["hole_share"]
+    assert own["settling"]["settled_frames"]["max"] == 0.0
+
+
+def test_techniques_that_capture_nothing_score_the_same_however_long_a_view_is_held(dataset, tmp_path):
+    names = ("full", "visible", "local", "single-mesh", "multi-mesh")
+    once, held = (
+        compare_views(dataset.path, tmp_path, views=3, seed=2, options=options(*names, settle=settle))
+        for settle in (1, 3)
+    )
+    for name in names:
+        one, other = (without_times(report["techniques"][name]) for report in (once, held))
+        settling = other.pop("settling")
+        assert one.pop("settling") is None
+        assert one == other
+        assert (settling is None) == (name == "full")
+        if settling is not None:
+            assert settling["settled_frames"] == {"p50": 0.0, "p99": 0.0, "max": 0.0}
+            assert (settling["unsettled"], settling["later_than_layers"]) == (0, 0)
+    assert [{**view, "frames": 0} for view in once["scored"]["multi-mesh"]] == held["scored"]["multi-mesh"]
+
+
+def test_what_is_scored_was_planned_with_the_budgets_that_were_timed(scene, renderer, cache):
+    view = VIEW.view(scene.camera)
+    timed, again = Gradual(scene), Gradual(scene)
+    held = hold_view(timed, renderer, cache, view, frames=6, frames_per_second=20.0, updates=0.004)
+    assert [(one.frame, one.updates) for one in timed.budgets] == 6 * [(0.05, 0.004)]
+    assert timed.budgets[0].done is None
+    assert [one.done.requests.pixels > 0 for one in timed.budgets[1:]] == [False, True, True, True, False]
+    assert timed.times == pytest.approx([0.0, 0.05, 0.1, 0.15, 0.2, 0.25])
+    assert all(
+        frame.seconds >= budget.done.draws.seconds
+        for frame, budget in zip(held.frames, timed.budgets[1:], strict=False)
+    )
+    with held_again(again, renderer, cache, view, held) as last:
+        assert last is again.plans[-1]
+        assert renderer.image(IMAGE).object_ids.max() >= 0
+    assert (again.budgets, again.times) == (timed.budgets, timed.times)
+    assert all(one.same_as(other) for one, other in zip(again.plans, timed.plans, strict=True))
+    assert held.settled == PARTS + 1
+
+
+def test_nothing_that_was_captured_is_left(scene, renderer, cache):
+    view = VIEW.view(scene.camera)
+    held = hold_view(Gradual(scene), renderer, cache, view, frames=6)
+    with pytest.raises(KeyError):
+        renderer.image(IMAGE)
+    with pytest.raises(RuntimeError), held_again(Gradual(scene), renderer, cache, view, held):
+        renderer.image(IMAGE)
+        raise RuntimeError
+    with pytest.raises(KeyError):
+        renderer.image(IMAGE)
+
+
+@pytest.mark.parametrize(
+    ("plans", "after"),
+    [
+        ("a", 0),
+        ("aaa", 0),
+        ("A", None),
+        ("Aaa", 1),
+        ("aAaa", 2),
+        ("AAA", None),
+        ("aaaA", None),
+        ("baaa", 1),
+        ("aba", 2),
+        ("abab", 3),
+    ],
+)
+def test_a_view_has_settled_where_plans_capture_nothing_and_stay_the_same(scene, plans, after):
+    """A letter is what is drawn, a capital letter has something captured as well."""
+    view = VIEW.view(scene.camera)
+    request = Request(Slot(IMAGE, (8, 8)), view, ())
+    made = [
+        Plan((Objects(one.lower(), np.arange(1)), Sky()), requests=(request,) if one.isupper() else ()) for one in plans
+    ]
+    assert settled_after(made) == after
+
+
+def test_images_that_are_dropped_unsettle_nothing():
+    plan = Plan((Sky(),))
+    assert settled_after([replace(plan, drops=(IMAGE,)), plan, plan]) == 0
+
+
+def test_layers_are_counted_by_sector_and_pieces_are_no_layers(scene):
+    cell = CellKey("multi-mesh", "c")
+    names = ("s0.l0", "s0.l1", "s0.l2", "s0.l2.1", "s1.l0", "s1.l0.1", "s1.l0.2", "s10.l0")
+    assert layers_shown(Plan((Sky(), CellLayers(cell, names)))) == 5
+    assert layers_shown(Plan((CellLayers(cell, names), CellLayers(CellKey("multi-mesh", "d"), names[:1])))) == 6
+    assert layers_shown(Plan((Sky(),))) == 0
+    shown = make_technique("multi-mesh", {"multi-mesh": scene}).plan(VIEW.view(scene.camera), now=0.0, budget=Budget())
+    assert layers_shown(shown) > 0

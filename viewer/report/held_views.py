@@ -1,0 +1,142 @@
+"""Views that are held: a technique draws the same view frame after frame, timed first and then scored (DESIGN section 6).
+
+    hold_view     draw the frames, time them, and record the budgets they were planned with
+    held_again    plan them once more with the budgets that were recorded, and so draw the same: what is scored
+
+Nothing is known of a viewer who was put into a view, so each view wants a fresh technique. What comes to the picture while the
+viewer stands is what requests capture: a technique that plans none shows the same in every frame.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+from mmi.foundation.camera import View
+from viewer.cells.cell_cache import CellCache
+from viewer.drawing.drawn_picture import DrawnPicture
+from viewer.drawing.renderer import Renderer
+from viewer.plan import Budget, CellLayers, Plan, Technique
+
+__all__ = ["HeldFrame", "HeldView", "held_again", "hold_view", "layers_shown", "settled_after"]
+
+_TIMINGS = 3
+"""A view of a single frame is drawn this many times, and the median of its times counts."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeldFrame:
+    """A frame of a held view, at ``time`` seconds, and the ``budget`` that it was planned with.
+
+    ``seconds`` is what planning and drawing took. The first frame is planned as behind a loading screen, since the viewer comes
+    into a cell there: what that takes does not count. ``gpu`` is what the GPU says of the drawing; ``triangles`` and ``draws``
+    were sent.
+    """
+
+    time: float
+    budget: Budget
+    seconds: float
+    gpu: float | None
+    triangles: int
+    draws: int
+
+
+@dataclass(frozen=True, slots=True)
+class HeldView:
+    """The frames of a held view, and after how many of them it had settled (:func:`settled_after`)."""
+
+    frames: tuple[HeldFrame, ...]
+    settled: int | None
+
+
+def hold_view(
+    technique: Technique,
+    renderer: Renderer,
+    cache: CellCache,
+    view: View,
+    *,
+    frames: int,
+    frames_per_second: float = 30.0,
+    updates: float = float("inf"),
+) -> HeldView:
+    """Draw ``frames`` frames of ``view`` with a fresh technique. Updates may take ``updates`` seconds of each at most.
+
+    Cells are waited for beforehand, which does not count. Nothing that was captured is left. Raises DatasetError where a
+    cell's files are missing or damaged.
+    """
+    budget = Budget(1.0 / frames_per_second, updates)
+    plans: list[Plan] = []
+    found: list[HeldFrame] = []
+    for number in range(frames):
+        time = number / frames_per_second
+        start = clock.perf_counter()
+        plan = technique.plan(view, now=time, budget=budget)
+        planned = clock.perf_counter() - start if number else 0.0
+        _load(cache, plan)
+        picture = _typical(renderer.draw(plan, view, read=False) for _ in range(_TIMINGS if frames == 1 else 1))
+        seconds = planned + picture.seconds
+        found.append(HeldFrame(time, budget, seconds, picture.gpu_seconds, picture.triangles, picture.draws))
+        plans.append(plan)
+        budget = replace(budget, done=picture.done)
+    _forget(renderer, plans)
+    return HeldView(tuple(found), settled_after(plans))
+
+
+@contextmanager
+def held_again(
+    technique: Technique, renderer: Renderer, cache: CellCache, view: View, held: HeldView
+) -> Iterator[Plan]:
+    """Plan the frames of ``held`` again with a fresh technique, and capture what they ask for. Yields the last frame's plan.
+
+    The plans are those of ``held``, because they follow from its budgets. The last one is for the caller to draw; what was
+    captured is forgotten in the end. Raises DatasetError where a cell's files are missing or damaged.
+    """
+    plans: list[Plan] = []
+    try:
+        for frame in held.frames:
+            if plans and (plans[-1].requests or plans[-1].drops):
+                _load(cache, plans[-1])
+                renderer.execute(plans[-1])
+            plans.append(technique.plan(view, now=frame.time, budget=frame.budget))
+        yield plans[-1]
+    finally:
+        _forget(renderer, plans)
+
+
+def settled_after(plans: Sequence[Plan]) -> int | None:
+    """How many of ``plans`` come before the first from which on they have no requests and stay the same.
+
+    None where that is not even so of the last one. That images are dropped makes no plan another.
+    """
+    if plans[-1].requests:
+        return None
+    last, count = replace(plans[-1], drops=()), len(plans) - 1
+    while count and not plans[count - 1].requests and replace(plans[count - 1], drops=()).same_as(last):
+        count -= 1
+    return count
+
+
+def layers_shown(plan: Plan) -> int:
+    """How many layers a plan draws, those of each sector counted apart. The pieces of a layer (``s0.l2.1``) are one layer."""
+    drawn = (draw for draw in plan.draws if isinstance(draw, CellLayers))
+    return len({(draw.cell, *name.split(".")[:2]) for draw in drawn for name in draw.names})
+
+
+def _load(cache: CellCache, plan: Plan) -> None:
+    cache.want(plan.cells)
+    cache.require(plan.cells)
+
+
+def _forget(renderer: Renderer, plans: Iterable[Plan]) -> None:
+    """Drop all images that plans had captured."""
+    images = dict.fromkeys(request.into.image for plan in plans for request in plan.requests)
+    if images:
+        renderer.execute(Plan((), drops=tuple(images)))
+
+
+def _typical(pictures: Iterable[DrawnPicture]) -> DrawnPicture:
+    """The one of the median time."""
+    ranked = sorted(pictures, key=lambda picture: picture.seconds)
+    return ranked[len(ranked) // 2]
