@@ -113,6 +113,12 @@ class ReliefPart:
         highest = height if self.spans is None else max(int((self.spans[:, 1] - self.spans[:, 0]).max()), 1)
         return -(-width // RELIEF_QUAD), -(-highest // RELIEF_QUAD)
 
+    @property
+    def pixels(self) -> int:
+        """How many pixels of what was captured its relief has."""
+        _, _, width, height = self.view.window
+        return width * height if self.spans is None else RELIEF_QUAD * int((self.spans[:, 1] - self.spans[:, 0]).sum())
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Relief:
@@ -128,7 +134,7 @@ class Relief:
     @property
     def pixels(self) -> int:
         """Pixels of all parts, as they were captured."""
-        return sum(part.view.window[2] * part.view.window[3] for part in self.parts)
+        return sum(part.pixels for part in self.parts)
 
 
 Draw = Sky | Ground | Objects | CellLayers | Relief

@@ -20,11 +20,11 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 from mmi.foundation.errors import ParameterError
-from viewer.plan import Budget, CellLayers, Costs, Draw, Ground, ImageKey, Plan, ReliefPart, Request, Slot
+from mmi.validity.layers import LayerParallax, layer_errors, layer_parallax
+from viewer.plan import RELIEF_QUAD, Budget, CellLayers, Costs, Draw, Ground, ImageKey, Plan, ReliefPart, Request, Slot
 from viewer.scene.scene import WalkScene
 from viewer.techniques.layered import LayeredImpostors
 from viewer.techniques.updates import CapturedLayer, LayerUnit, Piece, capture_window, layer_units, spans_of
@@ -37,6 +37,8 @@ _MARGIN = 32
 """Pixels beyond the view that a capture has, for a viewer who turns; and as much as it turns in so many frames:"""
 _FORESEEN = 8
 _WIDEST_MARGIN = 192
+_DRAWS = 6
+"""Draws of a frame with stored layers: near objects, layers of both kinds, ground, backdrop, sky."""
 
 
 class Candidate(NamedTuple):
@@ -74,6 +76,11 @@ ORDERS: Mapping[str, _Order] = MappingProxyType(
 """In what order layers are captured again. The paper's is by error angle; the others are what it is measured against."""
 
 
+def _errors(some: Mapping[int, LayerParallax], view: View) -> dict[int, float]:
+    """The error angle of each of some pictures of layers as ``view`` sees it, radians."""
+    return dict(zip(some, layer_errors(list(some.values()), view.eye).tolist(), strict=True))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pending:
     """A capture that is not whole yet: what it will be, and pieces that are still to be drawn."""
@@ -88,7 +95,6 @@ class _Place:
 
     name: str
     units: tuple[LayerUnit, ...]
-    reference: NDArray[np.float64]
     near_triangles: int
     captured: dict[int, CapturedLayer]
     pending: dict[int, _Pending]
@@ -129,7 +135,7 @@ class DynamicImpostors:
         seen = [i for i, unit in enumerate(place.units) if not names.isdisjoint(unit.pictures)]
         absent = [i for i in seen if capture_window(view, place.units[i].corners, margin=0) is None]
         seen = [i for i in seen if i not in absent]
-        errors = {i: self._error(place.units[i], place.reference, view.eye) for i in seen}
+        errors = _errors({i: place.units[i].parallax for i in seen}, view)
         drops += self._expire(place, view)
         shown = self._valid(place, view, seen, errors)
         still = last is None or np.array_equal(last.eye_from_world, view.eye_from_world)
@@ -139,8 +145,8 @@ class DynamicImpostors:
             if not (i in shown and shown[i].aligned(view)) and (still or errors[i] > self._worth)
         ]
         margin = _MARGIN if last is None else _margin(last, view)
-        left = min(budget.updates, budget.frame - self._predicted(stored, place, seen, shown, budget))
-        requests, fresh, gone = self._update(place, view, candidates, margin, left, budget, moves=not still)
+        predicted = self._predicted(stored, place, seen, shown, budget)
+        requests, fresh, gone = self._update(place, view, candidates, margin, predicted, budget, moves=not still)
         shown |= {i: place.captured[i] for i in fresh}
         draws = _composed(stored.draws, place.units, absent, shown)
         return replace(stored, draws=draws, requests=requests, drops=(*drops, *gone))
@@ -157,7 +163,6 @@ class DynamicImpostors:
         self._place = _Place(
             name=name,
             units=layer_units(self._scene, name),
-            reference=np.array(entry.reference),
             near_triangles=int(self._scene.mesh.triangle_counts[near].sum()),
             captured={},
             pending={},
@@ -175,43 +180,23 @@ class DynamicImpostors:
         place.pending.clear()
         return tuple(images)
 
-    def _error(self, unit: LayerUnit, captured: NDArray[np.float64], eye: NDArray[np.float64]) -> float:
-        """The error angle of a layer that was captured from ``captured``, seen from ``eye``."""
-        moved = float(np.linalg.norm(eye - captured))
-        if moved == 0.0 or not len(unit.low):
-            return 0.0
-        near = np.linalg.norm(np.clip(captured, unit.low, unit.high) - captured, axis=1)
-        far = np.linalg.norm(np.maximum(np.abs(unit.low - captured), np.abs(unit.high - captured)), axis=1)
-        if near.min() <= moved:
-            return math.pi
-        sine = moved * (far - near) / ((near - moved) * (far - moved))
-        return float(np.arcsin(min(float(sine.max()), 1.0)))
-
     def _expire(self, place: _Place, view: View) -> tuple[ImageKey, ...]:
         """Forget captures whose error angle has passed the bound, wherever they are."""
-        gone = []
-        for i, one in list(place.captured.items()):
-            if self._error(place.units[i], one.view.eye, view.eye) >= self._limit:
-                gone.append(place.captured.pop(i).image)
-        for i, pending in list(place.pending.items()):
-            if self._error(place.units[i], pending.layer.view.eye, view.eye) >= self._limit:
-                gone.append(place.pending.pop(i).layer.image)
+        made = {i: one.parallax for i, one in place.captured.items()}
+        begun = {i: one.layer.parallax for i, one in place.pending.items()}
+        gone = [place.captured.pop(i).image for i, error in _errors(made, view).items() if error > self._limit]
+        gone += [place.pending.pop(i).layer.image for i, error in _errors(begun, view).items() if error > self._limit]
         return tuple(gone)
 
     def _valid(
         self, place: _Place, view: View, seen: Sequence[int], errors: dict[int, float]
     ) -> dict[int, CapturedLayer]:
         """What is shown as it was captured; ``errors`` becomes the error angle of what is shown of each layer."""
-        shown = {}
-        for i in seen:
-            one = place.captured.get(i)
-            if one is None or not one.covers(view):
-                continue
-            error = self._error(place.units[i], one.view.eye, view.eye)
-            if error <= errors[i]:
-                errors[i] = error
-                shown[i] = one
-        return shown
+        there = {i: place.captured[i] for i in seen if i in place.captured and place.captured[i].covers(view)}
+        now = _errors({i: one.parallax for i, one in there.items()}, view)
+        better = {i: one for i, one in there.items() if now[i] <= errors[i]}
+        errors |= {i: now[i] for i in better}
+        return better
 
     # ----------------------------------------------------------------------------------------------- what is captured
 
@@ -219,13 +204,14 @@ class DynamicImpostors:
         self, stored: Plan, place: _Place, seen: Sequence[int], shown: Mapping[int, CapturedLayer], budget: Budget
     ) -> float:
         """Seconds that the frame is predicted to take without updates."""
+        relief = sum(one.part.pixels for one in shown.values())
         triangles = place.near_triangles
         for i in seen:
             triangles += shown[i].triangles if i in shown else place.units[i].stored_triangles
         for draw in stored.draws:
             if isinstance(draw, Ground):
                 triangles += int(self._scene.ground.triangle_counts[list(draw.tiles)].sum())
-        return budget.costs.of_draws(triangles=triangles, draws=6 + len(shown))
+        return budget.costs.of_draws(triangles=triangles, draws=_DRAWS + len(shown), relief=relief)
 
     def _update(
         self,
@@ -233,31 +219,37 @@ class DynamicImpostors:
         view: View,
         candidates: Sequence[Candidate],
         margin: int,
-        left: float,
+        predicted: float,
         budget: Budget,
         *,
         moves: bool,
     ) -> tuple[tuple[Request, ...], list[int], list[ImageKey]]:
-        """Requests that fit into ``left`` seconds, the layers that are whole with them, and images that they replace."""
+        """Requests that fit into what is left, the layers that are whole with them, and images that they replace.
+
+        The frame is ``predicted`` to take so many seconds without them.
+        """
         requests: list[Request] = []
         fresh: list[int] = []
         gone: list[ImageKey] = []
-        most = min(budget.updates, budget.frame)
+        updates, frame = budget.updates, budget.frame - predicted
         for one in self._order(candidates, self._frame):
             unit, pending = place.units[one.unit], place.pending.get(one.unit)
             if pending is not None and not (pending.layer.covers(view) if moves else pending.layer.aligned(view)):
                 gone.append(place.pending.pop(one.unit).layer.image)
                 pending = None
             begun = pending or self._begun(unit, view, margin)
-            asked, waiting, cost, least = _fitting(begun, unit, left, budget.costs)
-            left -= cost
+            shown = budget.costs.of_draws(triangles=begun.layer.triangles, draws=1, relief=begun.layer.part.pixels)
+            shown -= budget.costs.frame
+            asked, waiting, cost, least = _fitting(begun, unit, min(updates, frame - shown), budget.costs)
+            updates, frame = updates - cost, frame - cost
             requests += asked
             if waiting:
                 if asked or pending is not None:
                     place.pending[one.unit] = replace(begun, left=waiting)
-                elif least > most:  # it never fits, and others may
+                elif least > min(budget.updates, budget.frame - predicted):  # it never fits, and others may
                     continue
                 break
+            frame -= shown
             place.pending.pop(one.unit, None)
             if one.unit in place.captured:
                 gone.append(place.captured[one.unit].image)
@@ -269,11 +261,12 @@ class DynamicImpostors:
         """A capture of a layer as the viewer sees it now, of which nothing is there yet."""
         place = capture_window(view, unit.corners, margin=margin)
         assert place is not None, "what is not in the view is no candidate"
-        nearest = np.linalg.norm(np.clip(view.eye, unit.low, unit.high) - view.eye, axis=1).min()
+        nearest = np.linalg.norm(np.clip(view.eye, unit.boxes[:, 0], unit.boxes[:, 1]) - view.eye, axis=1).min()
         image = ImageKey(self.name, f"{unit.name} {self._frame}")
         seen = view.cropped(place.window)
         part = ReliefPart(seen, (0, 0), max(unit.depth, 1.0), spans=spans_of(seen, unit.corners))
-        layer = CapturedLayer(image, part, place, float(nearest))
+        parallax = layer_parallax(view.eye, unit.boxes, widened=self._scene.camera.angle_from_pixels(RELIEF_QUAD))
+        layer = CapturedLayer(image, part, place, parallax, float(nearest))
         return _Pending(layer, unit.pieces)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
+from mmi.validity.layers import LayerParallax, layer_parallax
 from viewer.plan import RELIEF_QUAD, ImageKey, Objects, Relief, ReliefPart
 from viewer.scene.frustum import box_corners
 from viewer.scene.scene import WalkScene
@@ -39,15 +40,15 @@ class Piece:
 class LayerUnit:
     """A layer of a sector, as something that can be captured again: ``pictures`` are its names in the dataset.
 
-    ``corners`` (k, 8, 3) are those of its objects' boxes. ``stored_triangles`` is what the stored layer has, ``depth`` how near
-    it comes to the reference viewpoint, metres.
+    ``boxes`` (k, 2, 3) are those of its objects, ``corners`` (k, 8, 3) theirs. ``parallax`` tells the stored layer's errors,
+    ``stored_triangles`` what it has, and ``depth`` how near it comes to the reference viewpoint, metres.
     """
 
     name: str
     pictures: tuple[str, ...]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
+    boxes: NDArray[np.float64]
     corners: NDArray[np.float64]
+    parallax: LayerParallax
     pieces: tuple[Piece, ...]
     stored_triangles: int
     depth: float
@@ -66,15 +67,15 @@ def layer_units(scene: WalkScene, cell: str) -> tuple[LayerUnit, ...]:
             objects = far[sorted({place for one in some for place in one.objects})]
             objects = objects[scene.mesh.triangle_counts[objects] > 0]
             name = f"s{sector}.l{index}"
-            low, high = scene.boxes[objects, 0], scene.boxes[objects, 1]
+            boxes = scene.boxes[objects]
             units.append(
                 LayerUnit(
                     name=name,
                     pictures=tuple(one.name for one in some),
-                    low=low,
-                    high=high,
-                    corners=box_corners(low, high),
-                    pieces=tuple(_pieces(scene, f"{scene.name} {cell} {name}", objects, low, high, reference)),
+                    boxes=boxes,
+                    corners=box_corners(boxes[:, 0], boxes[:, 1]),
+                    parallax=layer_parallax(reference, boxes, widened=scene.camera.angle_from_pixels(RELIEF_QUAD)),
+                    pieces=tuple(_pieces(scene, f"{scene.name} {cell} {name}", objects, reference)),
                     stored_triangles=sum(one.triangles for one in some),
                     depth=min(one.depth[0] for one in some),
                 )
@@ -82,17 +83,10 @@ def layer_units(scene: WalkScene, cell: str) -> tuple[LayerUnit, ...]:
     return tuple(units)
 
 
-def _pieces(
-    scene: WalkScene,
-    name: str,
-    objects: NDArray[np.int64],
-    low: NDArray[np.float64],
-    high: NDArray[np.float64],
-    reference: NDArray[np.float64],
-) -> Iterator[Piece]:
+def _pieces(scene: WalkScene, name: str, objects: NDArray[np.int64], reference: NDArray[np.float64]) -> Iterator[Piece]:
     """Objects next to each other as the reference viewpoint sees them, of few triangles together."""
     counts = scene.mesh.triangle_counts[objects]
-    middle = (0.5 * (low + high) - reference)[:, :2]
+    middle = (scene.boxes[objects].mean(axis=1) - reference)[:, :2]
     ahead = middle.sum(axis=0)
     aside = np.arctan2(ahead[0] * middle[:, 1] - ahead[1] * middle[:, 0], middle @ ahead)
     order = np.argsort(aside, kind="stable")
@@ -179,11 +173,15 @@ def _beside(spans: NDArray[np.int64], empty: NDArray[np.bool_]) -> NDArray[np.in
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CapturedLayer:
-    """A layer's picture on the GPU: captured as ``part``, which shows its ``place``. ``depth``: its nearest, metres."""
+    """A layer's picture on the GPU: captured as ``part``, which shows its ``place``.
+
+    ``parallax`` tells its errors, ``depth`` how near the layer comes, metres.
+    """
 
     image: ImageKey
     part: ReliefPart
     place: CaptureWindow
+    parallax: LayerParallax
     depth: float
 
     @property

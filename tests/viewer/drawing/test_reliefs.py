@@ -1,6 +1,4 @@
-"""Images that requests capture, and reliefs that show them: against the geometry itself, seen from the same place and others."""
-
-import math
+"""Images that requests capture, and reliefs that show them: against the geometry, seen from the same place and from others."""
 
 import numpy as np
 import pytest

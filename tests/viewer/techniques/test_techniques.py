@@ -160,7 +160,11 @@ def no_technique(scene):  # noqa: ARG001
 
 def test_the_table_has_names_that_are_keys_and_scenes_that_are_names():
     assert [entry.name for entry in TECHNIQUES.values()] == list(TECHNIQUES)
-    assert {name for name, entry in TECHNIQUES.items() if entry.layered} == {"single-mesh", "multi-mesh"}
+    assert {name for name, entry in TECHNIQUES.items() if entry.layered} == {
+        "single-mesh",
+        "multi-mesh",
+        "multi-mesh-dynamic",
+    }
     assert TECHNIQUES["single-mesh"].scene == "single-mesh"
     assert {entry.scene for name, entry in TECHNIQUES.items() if name != "single-mesh"} == {MAIN}
     assert not TECHNIQUES[REFERENCE].layered
