@@ -20,6 +20,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 from mmi.foundation.errors import ParameterError
@@ -27,7 +28,16 @@ from mmi.validity.layers import LayerParallax, layer_errors, layer_parallax
 from viewer.plan import RELIEF_QUAD, Budget, CellLayers, Costs, Draw, Ground, ImageKey, Plan, ReliefPart, Request, Slot
 from viewer.scene.scene import WalkScene
 from viewer.techniques.layered import LayeredImpostors
-from viewer.techniques.updates import CapturedLayer, LayerUnit, Piece, capture_window, layer_units, spans_of
+from viewer.techniques.updates import (
+    CapturedLayer,
+    CaptureWindow,
+    LayerUnit,
+    Piece,
+    bounds_in,
+    capture_window,
+    layer_units,
+    spans_of,
+)
 
 __all__ = ["ORDERS", "Candidate", "DynamicImpostors"]
 
@@ -81,10 +91,25 @@ def _errors(some: Mapping[int, LayerParallax], view: View) -> dict[int, float]:
     return dict(zip(some, layer_errors(list(some.values()), view.eye).tolist(), strict=True))
 
 
+class _Draft(NamedTuple):
+    """What a capture would be."""
+
+    image: ImageKey
+    part: ReliefPart
+    place: CaptureWindow
+
+    def cost(self, costs: Costs) -> float:
+        """Seconds that drawing it takes, not capturing it."""
+        columns, rows = self.part.grid
+        whole = costs.of_draws(triangles=2 * columns * rows, draws=1, relief=self.part.pixels)
+        return whole - costs.frame
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pending:
     """A capture that is not whole yet: what it will be, and pieces that are still to be drawn."""
 
+    draft: _Draft
     layer: CapturedLayer
     left: tuple[Piece, ...]
 
@@ -95,7 +120,9 @@ class _Place:
 
     name: str
     units: tuple[LayerUnit, ...]
+    reference: NDArray[np.float64]
     near_triangles: int
+    parallax: dict[int, LayerParallax]
     captured: dict[int, CapturedLayer]
     pending: dict[int, _Pending]
     asked: dict[int, int]
@@ -133,9 +160,10 @@ class DynamicImpostors:
         layers = next(draw for draw in stored.draws if isinstance(draw, CellLayers))
         names = set(layers.names)
         seen = [i for i, unit in enumerate(place.units) if not names.isdisjoint(unit.pictures)]
-        absent = [i for i in seen if capture_window(view, place.units[i].corners, margin=0) is None]
+        bounds = {i: bounds_in(view, place.units[i].boxes) for i in seen}
+        absent = [i for i in seen if capture_window(view, bounds[i], margin=0) is None]
         seen = [i for i in seen if i not in absent]
-        errors = _errors({i: place.units[i].parallax for i in seen}, view)
+        errors = _errors({i: self._parallax(place, i) for i in seen}, view)
         drops += self._expire(place, view)
         shown = self._valid(place, view, seen, errors)
         still = last is None or np.array_equal(last.eye_from_world, view.eye_from_world)
@@ -146,7 +174,9 @@ class DynamicImpostors:
         ]
         margin = _MARGIN if last is None else _margin(last, view)
         predicted = self._predicted(stored, place, seen, shown, budget)
-        requests, fresh, gone = self._update(place, view, candidates, margin, predicted, budget, moves=not still)
+        requests, fresh, gone = self._update(
+            place, view, candidates, bounds, margin, predicted, budget, moves=not still
+        )
         shown |= {i: place.captured[i] for i in fresh}
         draws = _composed(stored.draws, place.units, absent, shown)
         return replace(stored, draws=draws, requests=requests, drops=(*drops, *gone))
@@ -163,6 +193,8 @@ class DynamicImpostors:
         self._place = _Place(
             name=name,
             units=layer_units(self._scene, name),
+            reference=np.array(entry.reference),
+            parallax={},
             near_triangles=int(self._scene.mesh.triangle_counts[near].sum()),
             captured={},
             pending={},
@@ -179,6 +211,15 @@ class DynamicImpostors:
         place.captured.clear()
         place.pending.clear()
         return tuple(images)
+
+    def _parallax(self, place: _Place, unit: int) -> LayerParallax:
+        """That of a stored layer."""
+        if unit not in place.parallax:
+            place.parallax[unit] = self._seen_from(place.reference, place.units[unit].boxes)
+        return place.parallax[unit]
+
+    def _seen_from(self, eye: NDArray[np.float64], boxes: NDArray[np.float64]) -> LayerParallax:
+        return layer_parallax(eye, boxes, widened=self._scene.camera.angle_from_pixels(RELIEF_QUAD))
 
     def _expire(self, place: _Place, view: View) -> tuple[ImageKey, ...]:
         """Forget captures whose error angle has passed the bound, wherever they are."""
@@ -218,6 +259,7 @@ class DynamicImpostors:
         place: _Place,
         view: View,
         candidates: Sequence[Candidate],
+        bounds: Mapping[int, NDArray[np.float64]],
         margin: int,
         predicted: float,
         budget: Budget,
@@ -237,15 +279,16 @@ class DynamicImpostors:
             if pending is not None and not (pending.layer.covers(view) if moves else pending.layer.aligned(view)):
                 gone.append(place.pending.pop(one.unit).layer.image)
                 pending = None
-            begun = pending or self._begun(unit, view, margin)
-            shown = budget.costs.of_draws(triangles=begun.layer.triangles, draws=1, relief=begun.layer.part.pixels)
-            shown -= budget.costs.frame
-            asked, waiting, cost, least = _fitting(begun, unit, min(updates, frame - shown), budget.costs)
+            draft = self._drafted(unit, view, bounds[one.unit], margin) if pending is None else pending.draft
+            shown = draft.cost(budget.costs)
+            left = unit.pieces if pending is None else pending.left
+            asked, waiting, cost, least = _fitting(draft, unit, left, min(updates, frame - shown), budget.costs)
             updates, frame = updates - cost, frame - cost
             requests += asked
             if waiting:
                 if asked or pending is not None:
-                    place.pending[one.unit] = replace(begun, left=waiting)
+                    layer = self._captured(draft, unit) if pending is None else pending.layer
+                    place.pending[one.unit] = _Pending(draft, layer, waiting)
                 elif least > min(budget.updates, budget.frame - predicted):  # it never fits, and others may
                     continue
                 break
@@ -253,56 +296,59 @@ class DynamicImpostors:
             place.pending.pop(one.unit, None)
             if one.unit in place.captured:
                 gone.append(place.captured[one.unit].image)
-            place.captured[one.unit], place.asked[one.unit] = begun.layer, self._frame
+            place.captured[one.unit] = self._captured(draft, unit) if pending is None else pending.layer
+            place.asked[one.unit] = self._frame
             fresh.append(one.unit)
         return tuple(requests), fresh, gone
 
-    def _begun(self, unit: LayerUnit, view: View, margin: int) -> _Pending:
-        """A capture of a layer as the viewer sees it now, of which nothing is there yet."""
-        place = capture_window(view, unit.corners, margin=margin)
+    def _drafted(self, unit: LayerUnit, view: View, bounds: NDArray[np.float64], margin: int) -> _Draft:
+        """What a capture of a layer as the viewer sees it now would be."""
+        place = capture_window(view, bounds, margin=margin)
         assert place is not None, "what is not in the view is no candidate"
-        nearest = np.linalg.norm(np.clip(view.eye, unit.boxes[:, 0], unit.boxes[:, 1]) - view.eye, axis=1).min()
-        image = ImageKey(self.name, f"{unit.name} {self._frame}")
         seen = view.cropped(place.window)
-        part = ReliefPart(seen, (0, 0), max(unit.depth, 1.0), spans=spans_of(seen, unit.corners))
-        parallax = layer_parallax(view.eye, unit.boxes, widened=self._scene.camera.angle_from_pixels(RELIEF_QUAD))
-        layer = CapturedLayer(image, part, place, parallax, float(nearest))
-        return _Pending(layer, unit.pieces)
+        part = ReliefPart(seen, (0, 0), max(unit.depth, 1.0), spans=spans_of(seen, bounds))
+        return _Draft(ImageKey(self.name, f"{unit.name} {self._frame}"), part, place)
+
+    def _captured(self, draft: _Draft, unit: LayerUnit) -> CapturedLayer:
+        """What is there when all of it was captured."""
+        eye = draft.part.view.eye
+        nearest = np.linalg.norm(np.clip(eye, unit.boxes[:, 0], unit.boxes[:, 1]) - eye, axis=1).min()
+        return CapturedLayer(*draft, self._seen_from(eye, unit.boxes), float(nearest))
 
 
 def _fitting(
-    pending: _Pending, unit: LayerUnit, left: float, costs: Costs
+    draft: _Draft, unit: LayerUnit, pieces: tuple[Piece, ...], left: float, costs: Costs
 ) -> tuple[list[Request], tuple[Piece, ...], float, float]:
-    """Requests for what is left of a capture that fit into ``left`` seconds; the pieces that do not; and seconds.
+    """Requests for ``pieces`` of a capture that fit into ``left`` seconds; the pieces that do not; and seconds.
 
     The seconds are those of the requests, and those of the first one that does not fit.
     """
-    whole = _request(pending.layer, unit, pending.left)
-    cost = 0.0 if whole is None else _cost(whole, pending.left, costs)
+    whole = _request(draft, unit, pieces)
+    cost = 0.0 if whole is None else _cost(whole, pieces, costs)
     if cost <= left:
         return [] if whole is None else [whole], (), cost, 0.0
     asked: list[Request] = []
     spent = 0.0
-    for done, piece in enumerate(pending.left):
-        request = _request(pending.layer, unit, (piece,))
+    for done, piece in enumerate(pieces):
+        request = _request(draft, unit, (piece,))
         cost = 0.0 if request is None else _cost(request, (piece,), costs)
         if spent + cost > left:
-            return asked, pending.left[done:], spent, cost
+            return asked, pieces[done:], spent, cost
         spent += cost
         asked += [] if request is None else [request]
     return asked, (), spent, 0.0
 
 
-def _request(layer: CapturedLayer, unit: LayerUnit, pieces: Sequence[Piece]) -> Request | None:
+def _request(draft: _Draft, unit: LayerUnit, pieces: Sequence[Piece]) -> Request | None:
     """The order to draw some pieces of a layer into its image; None where none of them is to be seen."""
+    view = draft.part.view
     rows = np.concatenate([piece.rows for piece in pieces])
-    place = capture_window(layer.view, unit.corners[rows], margin=0)
+    place = capture_window(view, bounds_in(view, unit.boxes[rows]), margin=0)
     if place is None:
         return None
-    left, top, width, height = layer.view.window
-    corner = (place.window[0] - left, place.window[1] - top)
-    into = Slot(layer.image, (width, height), corner)
-    return Request(into, layer.view.cropped(place.window), tuple(piece.draw for piece in pieces), clear=False)
+    left, top, width, height = view.window
+    into = Slot(draft.image, (width, height), (place.window[0] - left, place.window[1] - top))
+    return Request(into, view.cropped(place.window), tuple(piece.draw for piece in pieces), clear=False)
 
 
 def _cost(request: Request, pieces: Sequence[Piece], costs: Costs) -> float:

@@ -11,15 +11,24 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
-from mmi.validity.layers import LayerParallax, layer_parallax
+from mmi.validity.layers import LayerParallax
 from viewer.plan import RELIEF_QUAD, ImageKey, Objects, Relief, ReliefPart
-from viewer.scene.frustum import box_corners
 from viewer.scene.scene import WalkScene
 
-__all__ = ["CaptureWindow", "CapturedLayer", "LayerUnit", "Piece", "capture_window", "layer_units", "spans_of"]
+__all__ = [
+    "CaptureWindow",
+    "CapturedLayer",
+    "LayerUnit",
+    "Piece",
+    "bounds_in",
+    "capture_window",
+    "layer_units",
+    "spans_of",
+]
 
 _PIECE_TRIANGLES = 4000
 """A layer of more triangles is captured in pieces of about so many."""
@@ -40,15 +49,13 @@ class Piece:
 class LayerUnit:
     """A layer of a sector, as something that can be captured again: ``pictures`` are its names in the dataset.
 
-    ``boxes`` (k, 2, 3) are those of its objects, ``corners`` (k, 8, 3) theirs. ``parallax`` tells the stored layer's errors,
-    ``stored_triangles`` what it has, and ``depth`` how near it comes to the reference viewpoint, metres.
+    ``boxes`` (k, 2, 3) are those of its objects, ``stored_triangles`` is what the stored layer has, ``depth`` how near it comes
+    to the reference viewpoint, metres.
     """
 
     name: str
     pictures: tuple[str, ...]
     boxes: NDArray[np.float64]
-    corners: NDArray[np.float64]
-    parallax: LayerParallax
     pieces: tuple[Piece, ...]
     stored_triangles: int
     depth: float
@@ -73,8 +80,6 @@ def layer_units(scene: WalkScene, cell: str) -> tuple[LayerUnit, ...]:
                     name=name,
                     pictures=tuple(one.name for one in some),
                     boxes=boxes,
-                    corners=box_corners(boxes[:, 0], boxes[:, 1]),
-                    parallax=layer_parallax(reference, boxes, widened=scene.camera.angle_from_pixels(RELIEF_QUAD)),
                     pieces=tuple(_pieces(scene, f"{scene.name} {cell} {name}", objects, reference)),
                     stored_triangles=sum(one.triangles for one in some),
                     depth=min(one.depth[0] for one in some),
@@ -110,65 +115,99 @@ class CaptureWindow(NamedTuple):
     whole: bool
 
 
-def capture_window(view: View, corners: NDArray[np.float64], *, margin: int) -> CaptureWindow | None:
-    """What shows boxes of ``corners`` (k, 8, 3) in ``view``, as far as ``margin`` pixels beyond it; None where nothing does."""
-    seen = view.project(corners)
-    in_front: NDArray[np.bool_] = seen[..., 2] > _BEHIND
-    some, every = np.asarray(in_front.any(axis=1)), np.asarray(in_front.all(axis=1))
-    if not some.any():
-        return None
-    if bool(np.all(every[some])):
-        low, high = seen[some, :, :2].min(axis=(0, 1)), seen[some, :, :2].max(axis=(0, 1))
-    else:
-        low, high = np.full(2, -np.inf), np.full(2, np.inf)
-    left, top, width, height = view.window
-    inner = np.array([left - margin, top - margin], dtype=np.float64)
-    outer = np.array([left + width + margin, top + height + margin], dtype=np.float64)
-    first, last = np.maximum(np.floor(low) - 1.0, inner), np.minimum(np.ceil(high) + 1.0, outer)
-    if (last - first < 1.0).any():
-        return None
-    (x, y), (right, bottom) = first.astype(int).tolist(), last.astype(int).tolist()
-    whole = bool(some.all() and (low >= first).all() and (high <= last).all())
-    return CaptureWindow((x, y, right - x, bottom - y), (*low.tolist(), *high.tolist()), whole)
+def bounds_in(view: View, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k, 4) left, top, right, bottom of ``boxes`` (k, 2, 3) in pixels from the principal point of ``view``.
+
+    Infinite for a box that the eye is beside, NaN for one that is behind it or has no extent.
+    """
+    found: NDArray[np.float64] = _bounds(boxes, view.eye_from_world, view.focal)
+    return found
 
 
-def spans_of(view: View, corners: NDArray[np.float64]) -> NDArray[np.int64]:
-    """(columns, 2) between which rows of ``view`` boxes of ``corners`` (k, 8, 3) show, in columns of ``RELIEF_QUAD`` texels.
+@njit(cache=True, error_model="numpy")
+def _bounds(boxes: NDArray[np.float64], eye_from_world: NDArray[np.float64], focal: float) -> NDArray[np.float64]:
+    bounds = np.empty((len(boxes), 4))
+    m = eye_from_world
+    for k in range(len(boxes)):
+        left, top, right, bottom, behind = np.inf, np.inf, -np.inf, -np.inf, 0
+        for corner in range(8):
+            x, y, z = boxes[k, corner & 1, 0], boxes[k, (corner >> 1) & 1, 1], boxes[k, corner >> 2, 2]
+            depth = -(m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3])
+            if not depth > _BEHIND:
+                behind += 1
+                continue
+            u = focal * (m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3]) / depth
+            v = -focal * (m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3]) / depth
+            left, right, top, bottom = min(left, u), max(right, u), min(top, v), max(bottom, v)
+        if behind == 8:
+            left = top = right = bottom = np.nan
+        elif behind > 0:
+            left, top, right, bottom = -np.inf, -np.inf, np.inf, np.inf
+        bounds[k] = left, top, right, bottom
+    return bounds
+
+
+def capture_window(view: View, bounds: NDArray[np.float64], *, margin: int) -> CaptureWindow | None:
+    """What shows boxes of ``bounds`` (k, 4) in ``view``, as far as ``margin`` pixels beyond it; None where nothing does."""
+    x, y, right, bottom, whole = _window(bounds, view.window, margin)
+    if right - x < 1.0 or bottom - y < 1.0:
+        return None
+    low, high = np.nanmin(bounds[:, :2], axis=0), np.nanmax(bounds[:, 2:], axis=0)
+    window = (int(x), int(y), int(right - x), int(bottom - y))
+    return CaptureWindow(window, (*low.tolist(), *high.tolist()), bool(whole))
+
+
+@njit(cache=True, error_model="numpy")
+def _window(
+    bounds: NDArray[np.float64], window: tuple[int, int, int, int], margin: int
+) -> tuple[float, float, float, float, bool]:
+    """Left, top, right, bottom of the window, nothing where they cross; and whether nothing lies outside of it."""
+    left, top, right, bottom, whole = np.inf, np.inf, -np.inf, -np.inf, True
+    for k in range(len(bounds)):
+        if np.isnan(bounds[k, 0]):
+            whole = False
+        else:
+            left, top = min(left, bounds[k, 0]), min(top, bounds[k, 1])
+            right, bottom = max(right, bounds[k, 2]), max(bottom, bounds[k, 3])
+    inner_x, inner_y = window[0] - margin, window[1] - margin
+    outer_x, outer_y = window[0] + window[2] + margin, window[1] + window[3] + margin
+    first_x, first_y = max(np.floor(left) - 1.0, inner_x), max(np.floor(top) - 1.0, inner_y)
+    last_x, last_y = min(np.ceil(right) + 1.0, outer_x), min(np.ceil(bottom) + 1.0, outer_y)
+    whole = whole and left >= first_x and top >= first_y and right <= last_x and bottom <= last_y
+    return first_x, first_y, last_x, last_y, whole
+
+
+def spans_of(view: View, bounds: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(columns, 2) between which rows of ``view`` boxes of ``bounds`` (k, 4) show, in columns of ``RELIEF_QUAD`` texels.
 
     As :class:`viewer.plan.ReliefPart` has them: rows count from the top of the window, and a column with nothing has none.
     """
     left, top, width, height = view.window
-    columns = -(-width // RELIEF_QUAD)
-    seen = view.project(corners)
-    in_front: NDArray[np.bool_] = seen[..., 2] > _BEHIND
-    some, every = np.asarray(in_front.any(axis=1)), np.asarray(in_front.all(axis=1))
-    if not every[some].all():
-        return np.tile(np.array([[0, height]]), (columns, 1))
-    low, high = seen[some, :, :2].min(axis=1) - [left, top], seen[some, :, :2].max(axis=1) - [left, top]
-    rows = np.clip(np.column_stack([np.floor(low[:, 1]) - 1.0, np.ceil(high[:, 1]) + 1.0]), 0, height).astype(int)
-    first = np.clip(np.floor((low[:, 0] - 1.0) / RELIEF_QUAD), 0, columns - 1).astype(int)
-    last = np.clip(np.floor((high[:, 0] + 1.0) / RELIEF_QUAD), 0, columns - 1).astype(int)
-    spans = np.tile(np.array([[height, 0]]), (columns, 1))
-    counts = last - first + 1
-    owner = np.repeat(np.arange(len(counts)), counts)
-    column = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts - first, counts)
-    np.minimum.at(spans[:, 0], column, rows[owner, 0])
-    np.maximum.at(spans[:, 1], column, rows[owner, 1])
-    empty = spans[:, 0] >= spans[:, 1]
-    spans[empty] = _beside(spans, empty)
+    found: NDArray[np.int64] = _spans(bounds - np.array([left, top, left, top]), width, height, RELIEF_QUAD)
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def _spans(bounds: NDArray[np.float64], width: int, height: int, quad: int) -> NDArray[np.int64]:
+    columns = -(-width // quad)
+    spans = np.empty((columns, 2), dtype=np.int64)
+    spans[:, 0], spans[:, 1] = height, 0
+    for k in range(len(bounds)):
+        if np.isnan(bounds[k, 0]) or bounds[k, 0] - 1.0 >= width or bounds[k, 2] + 1.0 <= 0.0:
+            continue
+        upper = int(min(max(np.floor(bounds[k, 1]) - 1.0, 0.0), height))
+        lower = int(min(max(np.ceil(bounds[k, 3]) + 1.0, 0.0), height))
+        first = int(min(max(np.floor((bounds[k, 0] - 1.0) / quad), 0.0), columns - 1))
+        last = int(min(max(np.floor((bounds[k, 2] + 1.0) / quad), 0.0), columns - 1))
+        for column in range(first, last + 1):
+            spans[column, 0], spans[column, 1] = min(spans[column, 0], upper), max(spans[column, 1], lower)
+    middle = height // 2  # a column with nothing ends in the middle of the last one that has something
+    for column in range(columns):
+        if spans[column, 0] < spans[column, 1]:
+            middle = (spans[column, 0] + spans[column, 1]) // 2
+        else:
+            spans[column] = middle
     return spans
-
-
-def _beside(spans: NDArray[np.int64], empty: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(m, 2) for columns with nothing: no rows, in the middle of the nearest column that has some."""
-    full = np.flatnonzero(~empty)
-    if not full.size:
-        return np.zeros((len(spans), 2), dtype=np.int64)
-    places = np.flatnonzero(empty)
-    right = np.minimum(np.searchsorted(full, places), len(full) - 1)
-    leftward = np.maximum(right - 1, 0)
-    nearer = np.where(np.abs(full[leftward] - places) < np.abs(full[right] - places), full[leftward], full[right])
-    return np.repeat(spans[nearer].sum(axis=1, keepdims=True) // 2, 2, axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -211,7 +250,7 @@ class CapturedLayer:
         left, top, width, height = view.window
         mine = self.place.window
         if self.aligned(view):
-            low, high = np.array([left, top]), np.array([left + width, top + height])
+            low, high = np.array([left, top], dtype=float), np.array([left + width, top + height], dtype=float)
         else:
             u = left + width * np.array([0.0, 0.5, 1.0, 1.0, 1.0, 0.5, 0.0, 0.0])
             v = top + height * np.array([0.0, 0.0, 0.0, 0.5, 1.0, 1.0, 1.0, 0.5])

@@ -19,7 +19,7 @@ from itertools import pairwise
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely.geometry import Polygon
+from shapely.geometry import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from mmi.city.model import CityObject, Prism, TriangleMesh
@@ -255,19 +255,29 @@ def _core(mesh: TriangleMesh, foot: float) -> tuple[Prism, ...]:
     down &= highest > base + _FOOT
     foot = max(foot, float(highest[(vertical < -_LEVEL) & ~down].max(initial=foot)))
     flat = _projected(corners)
-    whole = shapely.union_all(flat[up], grid_size=_GRID)
+    whole = _areas(shapely.union_all(flat[up], grid_size=_GRID))
     order = np.argsort(lowest[up])
     share = np.cumsum(0.5 * normals[up, 2][order])
     if not len(share) or share[-1] <= 0.0:
         return ()
     heights = lowest[up][order][np.searchsorted(share, np.array([0.02, 0.3, 0.7]) * share[-1])]
-    overhang = shapely.union_all(flat[down], grid_size=_GRID)
+    overhang = _areas(shapely.union_all(flat[down], grid_size=_GRID))
     prisms: list[Prism] = []
     for height in np.unique(np.round(heights, 3)).tolist():
         if height < foot + _LOW_CORE:
             continue
-        below = shapely.union_all(flat[up & (lowest < height)], grid_size=_GRID)
-        solid = shapely.difference(shapely.difference(whole, below, grid_size=_GRID), overhang, grid_size=_GRID)
+        below = _areas(shapely.union_all(flat[up & (lowest < height)], grid_size=_GRID))
+        solid = _areas(
+            shapely.difference(_areas(shapely.difference(whole, below, grid_size=_GRID)), overhang, grid_size=_GRID)
+        )
         parts = [part for part in shapely.get_parts(solid) if part.geom_type == "Polygon" and part.area >= _LEAST_CORE]
         prisms += [Prism(part, base, float(height)) for part in parts if part.is_valid]
     return tuple(prisms)
+
+
+def _areas(shape: BaseGeometry) -> BaseGeometry:
+    """What of a shape has an area. On a grid, slivers collapse into lines, and no shape of both kinds can be overlaid."""
+    if shape.geom_type in ("Polygon", "MultiPolygon"):
+        return shape
+    parts = shapely.get_parts(shapely.get_parts(shape))
+    return MultiPolygon([part for part in parts if part.geom_type == "Polygon"])
