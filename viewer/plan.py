@@ -3,7 +3,7 @@
     Technique.plan(view, now, budget) -> Plan
     Plan    = what must be in memory, what to capture into images first, what to draw then, perhaps over what was drawn before
     Request = draws into an image that stays on the GPU under its key; orders: all are executed, in order, before any draw
-    Draw    = Sky | Ground | Objects | CellLayers | Relief    (a closed union; ``viewer.drawing.renderer`` draws each kind)
+    Draw    = Sky | Ground | Objects | CellLayers | Relief | Moving    (closed; ``viewer.drawing.renderer`` draws each kind)
 
 Techniques, walks and the choice of what to load and to capture are plain Python and run without OpenGL. A technique knows
 nothing but the views and the budgets that it was given, in order, and a budget is plain data: the same walk with the same
@@ -32,6 +32,7 @@ __all__ = [
     "Draw",
     "Ground",
     "ImageKey",
+    "Moving",
     "Objects",
     "Plan",
     "Relief",
@@ -137,7 +138,18 @@ class Relief:
         return sum(part.pixels for part in self.parts)
 
 
-Draw = Sky | Ground | Objects | CellLayers | Relief
+@dataclass(frozen=True, slots=True, eq=False)
+class Moving:
+    """Geometry of some of the objects that move: ``which`` (k,) of them, with ``poses`` (k, 4, 4), world from object.
+
+    In measured pictures their ids follow those of the city's objects, in the order that they have in their file.
+    """
+
+    which: NDArray[np.int64]
+    poses: NDArray[np.float64]
+
+
+Draw = Sky | Ground | Objects | CellLayers | Relief | Moving
 """What a plan is made of: a closed union, of which the renderer draws each kind."""
 
 
@@ -287,6 +299,8 @@ def _told_draw(draw: Draw) -> object:
                 for one in draw.parts
             ]
             return "relief", draw.image, parts
+        case Moving():
+            return "moving", draw.which.tobytes(), draw.poses.tobytes()
         case _:
             return draw
 

@@ -17,11 +17,17 @@ from numpy.typing import NDArray
 from mmi.appearance import facades
 from mmi.city.model import CityObject
 
-__all__ = ["Looks", "contact", "light", "looks_of"]
+__all__ = ["SKYLIGHT", "SKY_GAIN", "SKY_SHARES", "SUN", "SUNLIGHT", "Looks", "contact", "light", "looks_of"]
 
-_SUN = np.array([-0.45, -0.62, 0.64]) / math.sqrt(0.45**2 + 0.62**2 + 0.64**2)  # towards it: south-west, afternoon
-_SUNLIGHT = np.array([0.44, 0.41, 0.35])
-_SKYLIGHT = np.array([0.70, 0.72, 0.76])
+SUN = np.array([-0.45, -0.62, 0.64]) / math.sqrt(0.45**2 + 0.62**2 + 0.64**2)
+"""(3,) towards it: south-west, on an afternoon."""
+SUNLIGHT = np.array([0.44, 0.41, 0.35])
+"""(3,) what it adds to a surface that faces it."""
+SKYLIGHT = np.array([0.70, 0.72, 0.76])
+"""(3,) what the sky adds to a surface, before it is multiplied by what of it the surface faces."""
+SKY_SHARES = (0.80, 0.20)
+"""What of the sky every surface faces, and what goes with the upward part of its normal; times ``SKY_GAIN``."""
+SKY_GAIN = 1.02
 _CONTACT = 0.24  # light lost at the foot of a wall, fading with height
 _CONTACT_HEIGHT = 5.0
 
@@ -103,8 +109,8 @@ def looks_of(objects: Sequence[CityObject]) -> Looks:
 
 def light(normals: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 3) unit normals -> (n, 3) factors: the sun's cosine, and as much of the sky as the surface faces."""
-    sky = 0.80 + 0.20 * normals[:, 2:]
-    return np.minimum(_SUNLIGHT * np.maximum(normals @ _SUN, 0.0)[:, None] + _SKYLIGHT * sky * 1.02, 1.0)
+    sky = SKY_SHARES[0] + SKY_SHARES[1] * normals[:, 2:]
+    return np.minimum(SUNLIGHT * np.maximum(normals @ SUN, 0.0)[:, None] + SKYLIGHT * sky * SKY_GAIN, 1.0)
 
 
 def contact(above_ground: NDArray[np.float64]) -> NDArray[np.float64]:

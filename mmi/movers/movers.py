@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mmi.city.model import TriangleMesh
 from mmi.foundation.errors import ParameterError
 
-__all__ = ["LARGEST", "SHORTEST", "Movers", "distances", "pose_matrices"]
+__all__ = ["LARGEST", "NOTHING_MOVES", "SHORTEST", "Movers", "distances", "pose_matrices"]
 
 LARGEST = 1e7
 """The largest number of seconds, metres or radians in a pose; beyond it, differences are lost in rounding."""
@@ -182,3 +182,17 @@ def distances(eye: _Floats, poses: _Floats, boxes: _Floats) -> _Floats:
 def _is_text(text: str) -> bool:
     """Whether it is not empty, and no half of a character."""
     return bool(text) and not any("\ud800" <= letter <= "\udfff" for letter in text)
+
+
+NOTHING_MOVES = Movers(
+    ids=(),
+    kinds=np.zeros(0, dtype=np.int64),
+    names=(),
+    meshes=(),
+    starts=np.zeros(1, dtype=np.int64),
+    times=np.zeros(0),
+    positions=np.zeros((0, 3)),
+    angles=np.zeros((0, 3)),
+    stays=np.zeros(0, dtype=bool),
+)
+"""No objects at all."""

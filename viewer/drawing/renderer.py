@@ -18,6 +18,7 @@ import numpy as np
 from mmi.appearance.city_mesh import CityMesh
 from mmi.foundation.camera import View
 from mmi.foundation.errors import CaptureError
+from mmi.movers.movers import NOTHING_MOVES, Movers
 from viewer.cells.loaded_cell import LoadedCell, LoadedLayer
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.fade import Fade
@@ -25,6 +26,7 @@ from viewer.drawing.images import CapturedPixels, Images
 from viewer.drawing.kinds.ground import GroundDrawer
 from viewer.drawing.kinds.layers import LayersDrawer
 from viewer.drawing.kinds.meshes import MeshProgram
+from viewer.drawing.kinds.moving import MovingDrawer
 from viewer.drawing.kinds.objects import ObjectsDrawer
 from viewer.drawing.kinds.reliefs import ReliefsDrawer
 from viewer.drawing.kinds.sky import SkyDrawer
@@ -32,7 +34,21 @@ from viewer.drawing.opengl import finisher, is_software, open_context
 from viewer.drawing.programs import Programs
 from viewer.drawing.targets import Targets
 from viewer.drawing.thread_turns import turns_after
-from viewer.plan import CellKey, CellLayers, Done, Draw, Ground, ImageKey, Objects, Plan, Relief, Request, Sky, Work
+from viewer.plan import (
+    CellKey,
+    CellLayers,
+    Done,
+    Draw,
+    Ground,
+    ImageKey,
+    Moving,
+    Objects,
+    Plan,
+    Relief,
+    Request,
+    Sky,
+    Work,
+)
 
 __all__ = ["Renderer", "gpu_seconds"]
 
@@ -46,11 +62,19 @@ class Renderer:
     """One city in one OpenGL context, drawing pictures of one size. Use as a context manager.
 
     ``measured`` keeps what measuring needs (object ids of layers). ``samples``: multisampling of unmeasured pictures.
+    ``movers`` are what moves in the city, in its frame; plans say where they are.
     Raises CaptureError where no OpenGL context can be had.
     """
 
     def __init__(
-        self, mesh: CityMesh, ground: CityMesh, *, size: tuple[int, int], measured: bool = False, samples: int = 0
+        self,
+        mesh: CityMesh,
+        ground: CityMesh,
+        *,
+        size: tuple[int, int],
+        measured: bool = False,
+        samples: int = 0,
+        movers: Movers | None = None,
     ) -> None:
         self._context = open_context()
         try:
@@ -59,12 +83,20 @@ class Renderer:
                     raise CaptureError(f"at most {self._context.max_samples} samples a pixel here, found {samples}")
                 self.device = str(self._context.info["GL_RENDERER"])
                 """Name of what draws (``llvmpipe ...`` is software)."""
-                self._prepare(mesh, ground, size, measured, samples)
+                self._prepare(mesh, ground, size, measured, samples, movers)
         except BaseException:
             self._context.release()
             raise
 
-    def _prepare(self, mesh: CityMesh, ground: CityMesh, size: tuple[int, int], measured: bool, samples: int) -> None:
+    def _prepare(
+        self,
+        mesh: CityMesh,
+        ground: CityMesh,
+        size: tuple[int, int],
+        measured: bool,
+        samples: int,
+        movers: Movers | None,
+    ) -> None:
         context = self._context
         self.size, self.measured = size, measured
         self._timer, self._finish = context.query(time=True), finisher(context)
@@ -78,6 +110,9 @@ class Renderer:
         self._objects = ObjectsDrawer(context, meshes, mesh)
         self._layers = LayersDrawer(self._programs, measured=measured)
         self._reliefs = ReliefsDrawer(self._programs, self._images)
+        self._moving = MovingDrawer(
+            self._programs, NOTHING_MOVES if movers is None else movers, first=len(mesh.triangle_counts)
+        )
 
     def __enter__(self) -> Renderer:
         return self
@@ -213,6 +248,8 @@ class Renderer:
                 return self._layers.draw(draw, view, measured=measured)
             case Relief():
                 return self._reliefs.draw(draw, view, measured=measured)
+            case Moving():
+                return self._moving.draw(draw, view, measured=measured)
             case _:
                 assert_never(draw)
 
