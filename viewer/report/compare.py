@@ -23,7 +23,7 @@ from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.judge import Judge
 from viewer.measuring.summary import settling_summary
-from viewer.plan import Budget
+from viewer.plan import Budget, Costs
 from viewer.report.baseline import single_mesh_scene
 from viewer.report.entries import (
     by_technique,
@@ -73,6 +73,7 @@ def compare_views(
     size = (main.camera.width, main.camera.height)
     # Timed first, in peace: comparing takes all processors.
     held: dict[str, list[HeldView]] = {entry.name: [] for entry in options.entries}
+    costs: dict[str, Costs | None] = {entry.name: None for entry in options.entries}
     layers: list[int] = []
     with (
         Renderer(main.mesh, main.ground, size=size, samples=options.samples) as renderer,
@@ -84,17 +85,18 @@ def compare_views(
             view = pose.view(main.camera)
             layers.append(layers_shown(make_technique(MAIN, scenes).plan(view, now=0.0, budget=Budget())))
             for entry in options.entries:
-                held[entry.name].append(
-                    hold_view(
-                        make_technique(entry, scenes),
-                        renderer,
-                        cache,
-                        view,
-                        frames=options.settle,
-                        frames_per_second=options.frames_per_second,
-                        updates=1e-3 * options.budget_ms,
-                    )
+                found = hold_view(
+                    make_technique(entry, scenes),
+                    renderer,
+                    cache,
+                    view,
+                    frames=options.settle,
+                    frames_per_second=options.frames_per_second,
+                    updates=1e-3 * options.budget_ms,
+                    costs=costs[entry.name],
                 )
+                held[entry.name].append(found)
+                costs[entry.name] = found.costs
     compared = [entry for entry in options.entries if entry.name != REFERENCE]
     with (
         Renderer(main.mesh, main.ground, size=size, measured=True) as renderer,
@@ -120,7 +122,8 @@ def compare_views(
             scores.get(entry.name),
             seconds=[frame.seconds for frame in frames[entry.name]],
             gpu=[frame.gpu for frame in frames[entry.name]],
-            sent=[(frame.triangles, frame.draws) for frame in frames[entry.name]],
+            done=[frame.done for frame in frames[entry.name]],
+            target=1.0 / options.frames_per_second,
             settling=settling_summary(settled[entry.name], layers, held=options.settle)
             if entry.name in settled and options.settle > 1
             else None,
@@ -170,7 +173,8 @@ def compare_walk(
             device = renderer.device
             technique = make_technique(entry, scenes, fade=options.fade)
             budget = 1.0 / options.frames_per_second
-            loop = FrameLoop(technique, renderer, cache, camera=main.camera, budget=budget)
+            updates = 1e-3 * options.budget_ms
+            loop = FrameLoop(technique, renderer, cache, camera=main.camera, budget=budget, updates=updates)
             runs[entry.name] = run_walk(steps, loop, shown=_telling(tell, number * len(steps), frames))
             loads[entry.name] = cache.report
     tell(frames, frames, "frames timed")
@@ -182,7 +186,8 @@ def compare_walk(
             found.scores.get(entry.name),
             seconds=[frame.total for frame in runs[entry.name]],
             gpu=[frame.gpu for frame in runs[entry.name]],
-            sent=[(frame.triangles, frame.draws) for frame in runs[entry.name]],
+            done=[frame.done for frame in runs[entry.name]],
+            target=1.0 / options.frames_per_second,
             pop=pops_of(found.pops[entry.name], sum(frame.entered for frame in runs[entry.name])),
             loading=loading_of(loads[entry.name], runs[entry.name]) if entry.layered else None,
         )

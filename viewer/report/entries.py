@@ -13,6 +13,7 @@ import numpy as np
 from viewer.cells.cell_cache import CacheReport
 from viewer.measuring.judge import Judge, Scored
 from viewer.measuring.summary import ERRORS, frame_summary, summarise
+from viewer.plan import Done
 from viewer.report.options import CompareOptions
 from viewer.report.pictures import save_picture, triptych
 from viewer.runtime.loop import FrameTimes
@@ -33,6 +34,8 @@ __all__ = [
 
 _RASTERS = 2.0
 """Pixels that the rasters of reference and textures may add to the error that a dataset was built for (DESIGN section 6)."""
+_LATE = 1.1
+"""A frame is late where it takes more than this many times what it should take (DESIGN section 6)."""
 _AWKWARD = re.compile(r"[^\w.-]+")
 """Characters that a technique's name may have and that names of files are better without."""
 
@@ -86,15 +89,16 @@ def technique_of(
     *,
     seconds: Sequence[float],
     gpu: Sequence[float | None],
-    sent: Sequence[tuple[int, int]],
+    done: Sequence[Done],
+    target: float,
     settling: dict[str, Any] | None = None,
     pop: dict[str, Any] | None = None,
     loading: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """What the report says of a technique: its ``scored`` views, None for the reference, which nothing is wrong with.
 
-    ``seconds``, ``gpu`` and ``sent`` have a value for each of its frames: what it took, what the GPU says of that, and the
-    triangles and draws that were sent.
+    ``seconds``, ``gpu`` and ``done`` have a value for each of its frames: what it took, what the GPU says of that, and what
+    was done. A frame should take ``target`` seconds.
     """
     origin = entry.origin
     return {
@@ -105,7 +109,8 @@ def technique_of(
         "pop": pop,
         "frame_ms": frame_summary(seconds),
         "gpu_ms": gpu_times(gpu),
-        **_mean_sent(sent),
+        "late_share": float(np.mean([one > _LATE * target for one in seconds])),
+        **_mean_done(done),
         "loading": loading,
     }
 
@@ -192,10 +197,13 @@ def frame_series(run: Sequence[FrameTimes]) -> dict[str, Any]:
     }
 
 
-def _mean_sent(counts: Sequence[tuple[int, int]]) -> dict[str, float]:
-    """Mean triangles and draws of frames, from pairs (triangles, draws)."""
-    triangles, draws = np.mean(np.array(counts, dtype=np.float64), axis=0).tolist()
-    return {"triangles": triangles, "draws": draws}
+def _mean_done(done: Sequence[Done]) -> dict[str, float]:
+    """Means over frames of what was sent and captured."""
+    whole = [
+        (work.triangles + draws.triangles, work.draws + draws.draws, work.requests, work.pixels) for work, draws in done
+    ]
+    means = np.mean(np.array(whole, dtype=np.float64), axis=0).tolist()
+    return dict(zip(("triangles", "draws", "requests", "captured_pixels"), means, strict=True))
 
 
 def gpu_times(seconds: Sequence[float | None]) -> dict[str, float] | None:

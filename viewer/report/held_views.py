@@ -9,6 +9,7 @@ viewer stands is what requests capture: a technique that plans none shows the sa
 
 from __future__ import annotations
 
+import math
 import time as clock
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -18,7 +19,8 @@ from mmi.foundation.camera import View
 from viewer.cells.cell_cache import CellCache
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
-from viewer.plan import Budget, CellLayers, Plan, Technique
+from viewer.plan import Budget, CellLayers, Costs, Done, Plan, Technique
+from viewer.runtime.cost_model import CostModel
 
 __all__ = ["HeldFrame", "HeldView", "held_again", "hold_view", "layers_shown", "settled_after"]
 
@@ -31,24 +33,27 @@ class HeldFrame:
     """A frame of a held view, at ``time`` seconds, and the ``budget`` that it was planned with.
 
     ``seconds`` is what planning and drawing took. The first frame is planned as behind a loading screen, since the viewer comes
-    into a cell there: what that takes does not count. ``gpu`` is what the GPU says of the drawing; ``triangles`` and ``draws``
-    were sent.
+    into a cell there: what that takes does not count. ``gpu`` is what the GPU says of the drawing; ``done`` is what requests
+    and draws took apart from each other.
     """
 
     time: float
     budget: Budget
     seconds: float
     gpu: float | None
-    triangles: int
-    draws: int
+    done: Done
 
 
 @dataclass(frozen=True, slots=True)
 class HeldView:
-    """The frames of a held view, and after how many of them it had settled (:func:`settled_after`)."""
+    """The frames of a held view, and after how many of them it had settled (:func:`settled_after`).
+
+    ``costs`` is what drawing is believed to take after the last one.
+    """
 
     frames: tuple[HeldFrame, ...]
     settled: int | None
+    costs: Costs
 
 
 def hold_view(
@@ -59,29 +64,32 @@ def hold_view(
     *,
     frames: int,
     frames_per_second: float = 30.0,
-    updates: float = float("inf"),
+    updates: float = math.inf,
+    costs: Costs | None = None,
 ) -> HeldView:
     """Draw ``frames`` frames of ``view`` with a fresh technique. Updates may take ``updates`` seconds of each at most.
 
-    Cells are waited for beforehand, which does not count. Nothing that was captured is left. Raises DatasetError where a
-    cell's files are missing or damaged.
+    ``costs`` is what drawing is believed to take, which the frames refine. Cells are waited for beforehand, which does not
+    count. Nothing that was captured is left. Raises DatasetError where a cell's files are missing or damaged.
     """
-    budget = Budget(1.0 / frames_per_second, updates)
+    model = CostModel() if costs is None else CostModel(costs)
+    budget = Budget(1.0 / frames_per_second, updates, model.costs)
     plans: list[Plan] = []
     found: list[HeldFrame] = []
     for number in range(frames):
         time = number / frames_per_second
         start = clock.perf_counter()
         plan = technique.plan(view, now=time, budget=budget)
-        planned = clock.perf_counter() - start if number else 0.0
+        planning = clock.perf_counter() - start
         _load(cache, plan)
         picture = _typical(renderer.draw(plan, view, read=False) for _ in range(_TIMINGS if frames == 1 else 1))
-        seconds = planned + picture.seconds
-        found.append(HeldFrame(time, budget, seconds, picture.gpu_seconds, picture.triangles, picture.draws))
+        planning = planning if number else 0.0
+        found.append(HeldFrame(time, budget, planning + picture.seconds, picture.gpu_seconds, picture.done))
         plans.append(plan)
-        budget = replace(budget, done=picture.done)
+        model = model.after(picture.done, planning=planning)
+        budget = replace(budget, costs=model.costs, done=picture.done)
     _forget(renderer, plans)
-    return HeldView(tuple(found), settled_after(plans))
+    return HeldView(tuple(found), settled_after(plans), model.costs)
 
 
 @contextmanager

@@ -104,6 +104,7 @@ def _page(report: Mapping[str, Any], folder: Path) -> str:
         "<h2>Speed</h2>",
         table(report, TIMES),
         table(report, LOADING),
+        glossary(report, LOADING),
         f"<p>{_times(report) if held else ''}Times depend on the machine and on what else it does; ratios within this run do "
         "so less.</p>",
         *(["<h2>Plots</h2>", *plots] if plots else []),

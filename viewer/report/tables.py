@@ -11,7 +11,7 @@ from viewer.report.plots import technique_color
 
 __all__ = ["LIKENESS", "LOADING", "SETTLING", "TIMES", "WRONG", "Column", "glossary", "key", "plain", "table"]
 
-_How = Literal["plain", "percent", "fourth", "psnr", "promised", "megabytes", "times"]
+_How = Literal["plain", "percent", "fourth", "psnr", "promised", "megabytes", "times", "captured"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +75,9 @@ TIMES = (
 LOADING = (
     Column("a frame", "triangles", ("triangles",), of_reference=True),
     Column("a frame", "draws", ("draws",), of_reference=True),
+    Column("captured a frame", "requests", ("requests",), "captured", of_reference=True),
+    Column("captured a frame", "pixels", ("captured_pixels",), "captured", of_reference=True),
+    Column("late", "% of frames", ("late_share",), "percent", of_reference=True),
     Column("waiting for cells", "s", ("loading", "seconds_waited"), of_reference=True),
     Column("waiting for cells", "frames", ("loading", "frames_waited"), of_reference=True),
     Column("cells, MB", "loaded", ("loading", "bytes_loaded"), "megabytes", of_reference=True),
@@ -128,6 +131,16 @@ _TERMS = (
         "pop",
         "FLIP between the frames before and after the viewer comes into another cell, less that of the geometry for the same "
         "motion.",
+    ),
+    (
+        "late",
+        "late",
+        "The share of frames that take more than 1.1 times as long as they should, which is one over the frames a second.",
+    ),
+    (
+        "captured a frame",
+        "captured",
+        "What is drawn into images at run time, to be shown in later frames as well. Triangles and draws have it as well.",
     ),
 )
 """The group of columns, the term, and what it means."""
@@ -194,15 +207,21 @@ def _entries(report: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _shown(report: Mapping[str, Any], columns: Sequence[Column]) -> list[Column]:
-    """The columns of groups in which a technique has a value; views that are identical have no PSNR, and are shown."""
+    """The columns of groups in which a technique has a value.
+
+    Views that are identical have no PSNR, and are shown. Where no technique captures anything, that is not shown.
+    """
     entries = _entries(report)
     compared = any(name != report["reference"] for name in entries)
-    filled = {
-        column.group
-        for column in columns
-        if (column.how == "psnr" and compared) or any(_at(entry, column.way) is not None for entry in entries.values())
-    }
-    return [column for column in columns if column.group in filled]
+
+    def filled(column: Column) -> bool:
+        values = [_at(entry, column.way) for entry in entries.values()]
+        if column.how == "captured":
+            return any(values)
+        return (column.how == "psnr" and compared) or any(value is not None for value in values)
+
+    groups = {column.group for column in columns if filled(column)}
+    return [column for column in columns if column.group in groups]
 
 
 def _at(entry: Any, way: Iterable[str]) -> Any:  # noqa: ANN401

@@ -11,7 +11,20 @@ import pytest
 import viewer
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.renderer import Renderer
-from viewer.plan import Budget, CellKey, CellLayers, ImageKey, Objects, Plan, Relief, ReliefPart, Request, Sky, Slot
+from viewer.plan import (
+    Budget,
+    CellKey,
+    CellLayers,
+    Costs,
+    ImageKey,
+    Objects,
+    Plan,
+    Relief,
+    ReliefPart,
+    Request,
+    Sky,
+    Slot,
+)
 from viewer.report.compare import CompareOptions, compare_views
 from viewer.report.held_views import held_again, hold_view, layers_shown, settled_after
 from viewer.scene.follower import Follower
@@ -64,7 +77,7 @@ def options(*techniques, **more):
 
 
 def without_times(entry):
-    return {name: value for name, value in entry.items() if not name.endswith("_ms")}
+    return {name: value for name, value in entry.items() if not name.endswith("_ms") and name != "late_share"}
 
 
 @pytest.fixture(scope="module")
@@ -97,6 +110,9 @@ def test_a_view_that_is_held_is_scored_when_it_has_settled(dataset, tmp_path):
     assert last["local"]["hole_share"] == first["local"]["hole_share"]
     # A first frame that captures nothing, then three that do.
     assert {one["frames"] for one in report[PARTS + 2]["scored"][own]} == {PARTS + 1}
+    assert last[own]["requests"] == pytest.approx(PARTS / (PARTS + 2))
+    assert last[own]["captured_pixels"] == pytest.approx(256 * 256 * PARTS / (PARTS + 2))
+    assert (last["local"]["requests"], last["local"]["captured_pixels"]) == (0.0, 0.0)
     layers = [one["layers"] for one in report[PARTS + 2]["scored"][own]]
     assert max(layers) > 0
     assert last[own]["settling"] == {
@@ -141,9 +157,11 @@ def test_techniques_that_capture_nothing_score_the_same_however_long_a_view_is_h
 def test_what_is_scored_was_planned_with_the_budgets_that_were_timed(scene, renderer, cache):
     view = VIEW.view(scene.camera)
     timed, again = Gradual(scene), Gradual(scene)
-    held = hold_view(timed, renderer, cache, view, frames=6, frames_per_second=20.0, updates=0.004)
+    costs = Costs(frame=0.001)
+    held = hold_view(timed, renderer, cache, view, frames=6, frames_per_second=20.0, updates=0.004, costs=costs)
     assert [(one.frame, one.updates) for one in timed.budgets] == 6 * [(0.05, 0.004)]
-    assert timed.budgets[0].done is None
+    assert (timed.budgets[0].costs, timed.budgets[0].done) == (costs, None)
+    assert len({one.costs for one in timed.budgets} | {held.costs}) == 7, "what frames took is learnt from"
     assert [one.done.requests.pixels > 0 for one in timed.budgets[1:]] == [False, True, True, True, False]
     assert timed.times == pytest.approx([0.0, 0.05, 0.1, 0.15, 0.2, 0.25])
     assert all(

@@ -60,8 +60,11 @@ def technique(name, views, frames, walked):
         "pop": {"switches": 6, "mean": -0.0012, "max": 0.0345} if walked and layered else None,
         "frame_ms": quantiles(frames, "p50", "p95", "p99", "max"),
         "gpu_ms": None,
+        "late_share": 0.0125,
         "triangles": 1_234_567.8 / (1 + 20 * layered),
         "draws": 3.0 + 24 * layered,
+        "requests": 0.0,
+        "captured_pixels": 0.0,
         "loading": {
             "seconds_waited": 0.12,
             "frames_waited": 3,
@@ -331,7 +334,7 @@ def test_tables_hold_the_numbers_and_mark_what_breaks_the_promise(tmp_path):
     ratios = report["ratios"]["multi-mesh"]
     assert speed[8:10] == ["58,789", "27"]
     assert speed[5:8] == [f"{ratios[other]:.3g}×" for other in ("full", "visible", "local")]
-    assert speed[10:] == ["0.12", "3", "98.8", "5"]
+    assert speed[10:] == ["1.25", "0.12", "3", "98.8", "5"]
 
 
 def test_groups_without_any_value_are_left_out_and_techniques_that_were_not_run_have_no_ratio(tmp_path):
@@ -339,7 +342,7 @@ def test_groups_without_any_value_are_left_out_and_techniques_that_were_not_run_
     assert "pop, FLIP" in walked.texts
     assert "pop, FLIP" not in sampled.texts
     assert "waiting for cells" not in sampled.texts
-    assert [len(one) for one in sampled.rows if one[0] == "local"] == [1 + 8, 1 + 6, 1 + 7, 1 + 2]
+    assert [len(one) for one in sampled.rows if one[0] == "local"] == [1 + 8, 1 + 6, 1 + 7, 1 + 3]
     assert "settled after, frames" not in sampled.texts
     few = page_of(report_of(False, names=("full", "multi-mesh")), tmp_path)
     assert row(few, "multi-mesh", 1)[6:8] == ["–", "–"]
@@ -378,22 +381,35 @@ def test_the_diagram_of_settling_counts_views_that_have_not_settled_as_never_set
     assert lines(none.axes[0])[technique_color("multi-mesh")][1].max() == 0.0
 
 
+def test_what_is_captured_is_shown_where_a_technique_captures_something(tmp_path):
+    report = report_of(False)
+    assert "captured a frame" not in page_of(report, tmp_path).texts
+    report["techniques"]["multi-mesh"] |= {"requests": 1.25, "captured_pixels": 32_768.0}
+    page = page_of(report, tmp_path)
+    assert "captured a frame" in page.texts
+    assert row(page, "multi-mesh", 1)[8:] == ["58,789", "27", "1.25", "32,768", "1.25"]
+    assert row(page, "local", 1)[10:] == ["0", "0", "1.25"]
+
+
 def test_only_terms_whose_columns_are_there_are_explained(tmp_path):
     def terms(report):
         text = "".join(write_report(report, tmp_path)[1].read_text(encoding="utf-8"))
         return re.findall(r"<dt>(.*?)</dt>", text)
 
     report = {**report_of(True, seconds=4.0), "worst": []}
-    everything = ["wrong", "holes", "thickness", "displacement", "FLIP", "PSNR, SSIM", "pop", "p50, p95, p99"]
+    everything = ["wrong", "holes", "thickness", "displacement", "FLIP", "PSNR, SSIM", "pop", "p50, p95, p99", "late"]
     assert terms(report) == everything
     assert terms({**report_of(False), "worst": []}) == [term for term in everything if term != "pop"]
     for one in report["techniques"].values():
         one["flip"] = one["pop"] = None
     assert terms(report) == [term for term in everything if term not in ("FLIP", "pop")]
     held = terms({**hold(report_of(False)), "worst": []})
-    assert held[-3:] == ["settled", "layers", "p50, p95, p99"]
+    assert held[-4:] == ["settled", "layers", "p50, p95, p99", "late"]
     alone = {**report_of(False, names=("full",)), "worst": []}
-    assert terms(alone) == []
+    assert terms(alone) == ["late"]
+    capturing = {**report_of(False), "worst": []}
+    capturing["techniques"]["multi-mesh"]["requests"] = 0.125
+    assert terms(capturing)[-2:] == ["late", "captured"]
 
 
 def test_no_table_is_wider_than_a_window_of_1000_pixels(tmp_path):
@@ -401,6 +417,7 @@ def test_no_table_is_wider_than_a_window_of_1000_pixels(tmp_path):
     report = hold(report_of(True, seconds=8.0))
     for one in report["techniques"].values():
         one["gpu_ms"] = one["frame_ms"]
+        one |= {"requests": 12.25, "captured_pixels": 262_144.0}
     font = ImageFont.truetype(get_data_path() + "/fonts/ttf/DejaVuSans-Bold.ttf", 13)
     rows = [*page_of(report, tmp_path).rows, ["", "end"]]
     tables, rest = [], []
