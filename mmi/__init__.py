@@ -15,11 +15,11 @@ from mmi.foundation.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from mmi.building.dataset import BuildSummary, CellChoice, build_dataset, choose_cells
-    from mmi.capture.layer_values import DepthTexture, GridMesh, Impostor, Layer, LayerPicture, Promise
+    from mmi.capture.layer_values import DepthTexture, GridMesh, Impostor, Layer, LayerMesh, LayerPicture, Promise
     from mmi.cells.viewing_cells import ViewingCell, viewing_cells
     from mmi.city.model import City, CityObject, Prism, Texture, TriangleMesh
     from mmi.city.terrain import Terrain
-    from mmi.dataset.cell_files import read_depths, read_impostor, read_pictures
+    from mmi.dataset.cell_files import read_depths, read_impostor, read_meshes, read_pictures
     from mmi.dataset.city_files import read_city_mesh
     from mmi.dataset.manifest import CellEntry, CityEntry, FileEntry, LayerEntry, Manifest
     from mmi.dataset.reading import Dataset, open_dataset
@@ -59,6 +59,7 @@ __all__ = [
     "Impostor",
     "Layer",
     "LayerEntry",
+    "LayerMesh",
     "LayerPicture",
     "Manifest",
     "MmiError",
@@ -88,6 +89,7 @@ __all__ = [
     "read_city_mesh",
     "read_depths",
     "read_impostor",
+    "read_meshes",
     "read_pictures",
     "typical_cell",
     "viewing_cells",
@@ -102,11 +104,19 @@ _HOMES = MappingProxyType(
         "mmi.foundation.progress": ("Progress", "ProgressLog"),
         "mmi.foundation.plug_ins": ("PlugIn", "plug_in"),
         "mmi.building.dataset": ("BuildSummary", "CellChoice", "build_dataset", "choose_cells"),
-        "mmi.capture.layer_values": ("DepthTexture", "GridMesh", "Impostor", "Layer", "LayerPicture", "Promise"),
+        "mmi.capture.layer_values": (
+            "DepthTexture",
+            "GridMesh",
+            "Impostor",
+            "Layer",
+            "LayerMesh",
+            "LayerPicture",
+            "Promise",
+        ),
         "mmi.cells.viewing_cells": ("ViewingCell", "viewing_cells"),
         "mmi.city.model": ("City", "CityObject", "Prism", "Texture", "TriangleMesh"),
         "mmi.city.terrain": ("Terrain",),
-        "mmi.dataset.cell_files": ("read_depths", "read_impostor", "read_pictures"),
+        "mmi.dataset.cell_files": ("read_depths", "read_impostor", "read_meshes", "read_pictures"),
         "mmi.dataset.city_files": ("read_city_mesh",),
         "mmi.dataset.manifest": ("CellEntry", "CityEntry", "FileEntry", "LayerEntry", "Manifest"),
         "mmi.dataset.reading": ("Dataset", "open_dataset"),

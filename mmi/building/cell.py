@@ -43,6 +43,7 @@ def capture_layers(
     viewpoints = np.column_stack([cell.corners, np.full(4, cell.reference[2])])
     wall_visibility, half_width = plan.selection.wall_visibility, math.tan(math.pi / parameters.sectors)
     tolerance = _RIM_SHARE * parameters.max_angle
+    samples = parameters.supersample if parameters.pictures == "all" else 1  # of colour, which meshes do not depend on
     with watch.stage("windows"):
         pairs = touching(prepared.city, plan.selection.objects)
     for index, objects in enumerate(plan.layers):
@@ -59,7 +60,7 @@ def capture_layers(
         from_here = [view for _, view in views]
         ends = pairs[np.isin(pairs[:, 0], objects) & ~np.isin(pairs[:, 1], objects)]
         with (
-            closing(capturer.captures(objects, from_here, supersample=parameters.supersample)) as textures,
+            closing(capturer.captures(objects, from_here, supersample=samples)) as textures,
             closing(capturer.captures(np.unique(ends[:, 1]), from_here)) as rims,  # a texel wide: no subsamples
         ):
             for sector, _ in views:

@@ -120,6 +120,7 @@ class _Worker:
                 camera=parameters.camera,
                 neighbours=job.neighbours,
                 quality=parameters.texture_quality,
+                pictures=parameters.pictures == "all",
             )
         return None if may_cut and costs_over_budget(parameters, entry) else entry
 

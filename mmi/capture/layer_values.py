@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.foundation.camera import View
 
-__all__ = ["DepthTexture", "GridMesh", "Impostor", "Layer", "LayerPicture", "Promise"]
+__all__ = ["DepthTexture", "GridMesh", "Impostor", "Layer", "LayerMesh", "LayerPicture", "Promise"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,6 +87,19 @@ class Layer:
     def name(self) -> str:
         """How files call it: ``s0.l2``, and ``s0.l2.1`` for a second piece."""
         return f"s{self.sector}.l{self.index}" + (f".{self.piece}" if self.piece else "")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LayerMesh:
+    """What a dataset without pictures has of a :class:`Layer`: its mesh, and the ``view`` that a picture is captured in."""
+
+    name: str
+    index: int
+    sector: int
+    piece: int
+    view: View
+    mesh: GridMesh
+    in_order: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,6 +7,8 @@ coverage as alpha (lossless, whatever the quality of the colour). It also says h
 was hit) and id (unsigned: 0, or the place of the object in the cell's lists ``far`` and then ``near``, from 1), in the pixel
 coordinates of the capture: its data window counts from the principal point. Who only draws reads the glTF alone
 (:func:`read_pictures`); depth and ids are for measuring and for telling which of two layers is in front (:func:`read_depths`).
+A dataset may hold no pictures (``pictures`` of the parameters is ``none``). A glTF then has meshes alone, whose texture
+coordinates are those of the pictures that its extras describe; there is no EXR, and :func:`read_meshes` reads what there is.
 A node's first ``in_order`` triangles (the manifest says how many) can be drawn as they are, without depth
 (:mod:`mmi.meshing.ordering`).
 """
@@ -24,7 +26,7 @@ import OpenEXR
 from numpy.typing import NDArray
 from PIL import Image
 
-from mmi.capture.layer_values import DepthTexture, GridMesh, Impostor, Layer, LayerPicture, Promise
+from mmi.capture.layer_values import DepthTexture, GridMesh, Impostor, Layer, LayerMesh, LayerPicture, Promise
 from mmi.city.model import City
 from mmi.dataset.folder import DatasetFolder
 from mmi.dataset.glb import GlbContents, GlbImage, GlbNode, GlbPrimitive, glb_bytes, read_glb
@@ -33,7 +35,7 @@ from mmi.dataset.reading import Dataset
 from mmi.foundation.camera import Camera, View
 from mmi.foundation.errors import DatasetError, ParameterError
 
-__all__ = ["read_depths", "read_impostor", "read_pictures", "write_cell"]
+__all__ = ["read_depths", "read_impostor", "read_meshes", "read_pictures", "write_cell"]
 
 _TILE = 512
 
@@ -46,11 +48,12 @@ def write_cell(
     camera: Camera,
     neighbours: Sequence[str],
     quality: int = 75,
+    pictures: bool = True,
 ) -> CellEntry:
-    """Write a cell's EXR and glTF; its entry in the manifest.
+    """Write a cell's glTF and, with ``pictures``, its EXR; its entry in the manifest. Without, the glTF has meshes alone.
 
     ``ids`` are those of the city's objects, ``camera`` is the display that pixels are of, ``quality`` that of WebP (100 is
-    lossless). An EXR of an earlier build is removed where the cell has no layers now. Raises DatasetError where files cannot be
+    lossless). An EXR of an earlier build is removed where the cell has none now. Raises DatasetError where files cannot be
     written.
     """
     cell, promise = impostor.cell, impostor.promise
@@ -60,11 +63,11 @@ def write_cell(
     sectors: list[list[LayerEntry]] = [[] for _ in range(impostor.sectors)]
     for layer in impostor.layers:
         sectors[layer.sector].append(_layer_entry(layer, place, camera))
-    nodes = tuple(_node(layer, image=i) for i, layer in enumerate(impostor.layers))
-    images = tuple(_image(layer, quality) for layer in impostor.layers)
+    nodes = tuple(_node(layer, image=i if pictures else None) for i, layer in enumerate(impostor.layers))
+    images = tuple(_image(layer, quality) for layer in impostor.layers) if pictures else ()
     gltf = glb_bytes(GlbContents(nodes, images, {"cell": cell.id, "eye": cell.reference.tolist()}))
     glb, exr = folder.write(f"cells/{cell.id}.glb", gltf), None
-    if impostor.layers:
+    if impostor.layers and pictures:
         parts = [_part(layer, place) for layer in impostor.layers]
         exr = folder.write_with(f"cells/{cell.id}.exr", lambda path: _write_exr(path, parts))
     else:
@@ -97,9 +100,11 @@ def write_cell(
 def read_pictures(dataset: Dataset, cell: str) -> tuple[LayerPicture, ...]:
     """All that it takes to draw a cell's layers, in the manifest's order, from its glTF alone.
 
-    Raises DatasetError when there is no such cell, or its file is missing, damaged or not what the manifest describes.
+    Raises DatasetError when there is no such cell, the dataset holds no pictures, or its file is missing, damaged or not what
+    the manifest describes.
     """
     entry = dataset.cell(cell)
+    _expect_pictures(dataset)
     if not entry.pictures:
         return ()
     name = str(dataset.path / entry.files.glb.name)
@@ -109,14 +114,31 @@ def read_pictures(dataset: Dataset, cell: str) -> tuple[LayerPicture, ...]:
         return tuple(_picture(entry, sector, one, nodes[one.name], contents.images) for sector, one in entry.pictures)
 
 
+def read_meshes(dataset: Dataset, cell: str) -> tuple[LayerMesh, ...]:
+    """The meshes of a cell's layers and the views of their pictures, in the manifest's order, from its glTF: of any dataset.
+
+    Raises DatasetError when there is no such cell, or its file is missing, damaged or not what the manifest describes.
+    """
+    entry = dataset.cell(cell)
+    if not entry.pictures:
+        return ()
+    name = str(dataset.path / entry.files.glb.name)
+    contents = read_glb(dataset.read(entry.files.glb), name=name)
+    with _as_described(name):
+        nodes = {node.name: node for node in contents.nodes}
+        return tuple(_mesh(entry, sector, one, nodes[one.name]) for sector, one in entry.pictures)
+
+
 def read_depths(dataset: Dataset, cell: str) -> dict[str, tuple[NDArray[np.float32], NDArray[np.uint32]]]:
     """What a cell's layers were captured as, from its EXR: name of the layer -> depth and places.
 
     Depth (h, w) is eye-space metres, ``inf`` where nothing was hit; places (h, w) are 0 there, elsewhere the place of the
     object in the cell's lists ``far`` and then ``near``, from 1.
-    Raises DatasetError when there is no such cell, or its file is missing, damaged or not what the manifest describes.
+    Raises DatasetError when there is no such cell, the dataset holds no pictures, or its file is missing, damaged or not what
+    the manifest describes.
     """
     entry = dataset.cell(cell)
+    _expect_pictures(dataset)
     if entry.files.exr is None:
         return {}
     name = str(dataset.path / entry.files.exr.name)
@@ -134,7 +156,10 @@ def read_depths(dataset: Dataset, cell: str) -> dict[str, tuple[NDArray[np.float
 
 
 def read_impostor(dataset: Dataset, cell: str, city: City) -> Impostor:
-    """A cell's impostor, as it was captured. Raises DatasetError when a file is missing, damaged or not what it should be."""
+    """A cell's impostor, as it was captured.
+
+    Raises DatasetError when the dataset holds no pictures, or a file is missing, damaged or not what it should be.
+    """
     entry = dataset.cell(cell)
     pictures, depths = read_pictures(dataset, cell), read_depths(dataset, cell)
     index, camera = city.index(), dataset.manifest.parameters.camera
@@ -175,6 +200,15 @@ def read_impostor(dataset: Dataset, cell: str, city: City) -> Impostor:
     )
 
 
+def _expect_pictures(dataset: Dataset) -> None:
+    """Raises DatasetError where the dataset has none."""
+    if dataset.manifest.parameters.pictures == "none":
+        raise DatasetError(
+            f"{dataset.path}: a dataset with pictures of its layers expected, found one built with --pictures none, which has "
+            "meshes alone; build it with --pictures all"
+        )
+
+
 @contextmanager
 def _as_described(name: str) -> Iterator[None]:
     """Turns what goes wrong while a file's contents are held against the manifest into a DatasetError."""
@@ -188,17 +222,26 @@ def _as_described(name: str) -> Iterator[None]:
 
 def _picture(entry: CellEntry, sector: int, one: LayerEntry, node: GlbNode, images: Sequence[GlbImage]) -> LayerPicture:
     """The inverse of :func:`_node` and :func:`_image`. Raises ValueError where node and manifest do not agree."""
+    found = _mesh(entry, sector, one, node)
+    image = node.primitives[0].image
+    if image is None:
+        raise ValueError(f"{node.name}: a texture expected")
+    with Image.open(io.BytesIO(images[image].data), formats=("WEBP",)) as picture:
+        pixels = np.array(picture)
+    return LayerPicture(one.name, one.index, sector, one.piece, found.view, pixels, found.mesh, one.in_order)
+
+
+def _mesh(entry: CellEntry, sector: int, one: LayerEntry, node: GlbNode) -> LayerMesh:
+    """The inverse of :func:`_node`. Raises ValueError where node and manifest do not agree."""
     view = entry.view(sector, one)
     extras = _extras(one.index, sector, one.piece, view)
     if node.extras != extras:
         raise ValueError(f"{node.name}: {extras} expected, found {node.extras}")
     (primitive,) = node.primitives
-    if primitive.image is None or primitive.uv is None or len(primitive.triangles) != one.triangles:
-        raise ValueError(f"{node.name}: a texture and {one.triangles} triangles expected")
-    with Image.open(io.BytesIO(images[primitive.image].data), formats=("WEBP",)) as picture:
-        pixels = np.array(picture)
+    if primitive.uv is None or len(primitive.triangles) != one.triangles:
+        raise ValueError(f"{node.name}: texture coordinates and {one.triangles} triangles expected")
     mesh = GridMesh(primitive.positions, primitive.uv, primitive.triangles)
-    return LayerPicture(one.name, one.index, sector, one.piece, view, pixels, mesh, one.in_order)
+    return LayerMesh(one.name, one.index, sector, one.piece, view, mesh, one.in_order)
 
 
 def _layer_entry(layer: Layer, place: NDArray[np.uint32], camera: Camera) -> LayerEntry:
@@ -257,7 +300,7 @@ def _image(layer: Layer, quality: int) -> GlbImage:
     return GlbImage(buffer.getvalue())
 
 
-def _node(layer: Layer, *, image: int) -> GlbNode:
+def _node(layer: Layer, *, image: int | None) -> GlbNode:
     """A layer's mesh, and how its texture was captured."""
     mesh = layer.mesh
     primitive = GlbPrimitive(mesh.vertices, mesh.triangles, uv=mesh.uv, image=image, masked=True)

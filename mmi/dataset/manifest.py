@@ -79,7 +79,7 @@ class LayerEntry:
 
 @dataclass(frozen=True, slots=True)
 class CellFiles:
-    """A cell's files; ``exr`` is None where it has no layers."""
+    """A cell's files; ``exr`` is None where it has no layers, or the dataset no pictures of them."""
 
     glb: FileEntry
     exr: FileEntry | None = None
@@ -131,8 +131,8 @@ class CellEntry:
                 )
         if (self.promised_error_px is None) == (self.promise_withheld is None):
             raise ValueError("either promised_error_px or promise_withheld expected")
-        if bool(self.pictures) != (self.files.exr is not None):
-            raise ValueError("an EXR expected where there are layers, and only there")
+        if self.files.exr is not None and not self.pictures:
+            raise ValueError("an EXR expected where there are layers only")
 
     @property
     def viewing_cell(self) -> ViewingCell:
@@ -261,6 +261,8 @@ def manifest_from_json(data: bytes, *, name: str) -> Manifest:
         for cell in cells:
             if cell.promised_error_px not in (None, parameters.max_error_px):
                 raise ValueError(f"cell {cell.id}: a promise of {parameters.max_error_px:g} px or none expected")
+            if (cell.files.exr is not None) != (bool(cell.pictures) and parameters.pictures == "all"):
+                raise ValueError(f"cell {cell.id}: an EXR expected where there are pictures of layers, and only there")
     except _CONTRADICTIONS as error:
         raise DatasetError(f"{name}: values as {PROGRAM} writes them expected, found others ({error})") from error
     city = document["city"]

@@ -9,9 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
+from mmi.building.cell import capture_layers
+from mmi.capture.layer_values import Layer
 from mmi.dataset.cell_files import read_impostor
 from mmi.dataset.manifest import CellEntry
 from mmi.dataset.reading import Dataset
@@ -20,7 +23,9 @@ from mmi.inspection.figures import PICTURE_FORMATS, counted, save
 from mmi.inspection.layer_sheets import dataset_histograms, layer_sheet
 from mmi.inspection.maps import birds_eye, event_graph_plot
 from mmi.planning.plan import CellPlan, PreparedCity, plan_cell, prepare_city
-from mmi.visibility.item_buffer import Identify
+
+if TYPE_CHECKING:
+    from mmi.capture.renderer import Capturer
 
 __all__ = ["inspect_dataset", "typical_cell"]
 
@@ -42,11 +47,12 @@ def inspect_dataset(
     and ``ID-sector-K.png`` for each sector K that has layers; then ``histograms.png`` over all cells of the dataset;
     other endings for other formats (``png``, ``svg``, ``pdf``). The same dataset gives the same bytes.
     A dataset built with functions from outside the package is planned again only with ``own_functions``, as that imports
-    what its manifest names. ``progress`` is called with (pictures done, pictures in all, the last one's name).
+    what its manifest names. Layers of a dataset without pictures are captured again. ``progress`` is called with (pictures
+    done, pictures in all, the last one's name).
 
     Raises ParameterError for an unknown format; DatasetError when there is no such cell or none at all, when the dataset
     is damaged or was built by another version, or when ``output`` cannot be written; CaptureError where visibility by
-    item buffer finds no OpenGL.
+    item buffer, or what has to be captured again, finds no OpenGL.
     """
     if format not in PICTURE_FORMATS:
         raise ParameterError(f"format: {', '.join(PICTURE_FORMATS)} expected, found {format!r}")
@@ -101,30 +107,36 @@ def _cell_pictures(dataset: Dataset, entries: Sequence[CellEntry]) -> Iterator[t
     except ParameterError as error:
         raise _rebuild(dataset, str(error)) from error
     parameters = prepared.parameters
-    with _identify(prepared) as identify:
+    with _capturer(prepared) as capturer:
         for entry in entries:
             cell = entry.id
-            plan = _planned(dataset, prepared, entry, identify)
+            plan = _planned(dataset, prepared, entry, capturer)
             yield f"{cell}-map", birds_eye(city, plan)
             yield (
                 f"{cell}-graph",
                 event_graph_plot(city, plan, camera=parameters.camera, max_error_px=parameters.max_error_px),
             )
-            impostor = read_impostor(dataset, cell, city)
+            shown: Sequence[Layer]
+            if parameters.pictures == "none" and capturer is not None:
+                shown = sorted(
+                    capture_layers(prepared, plan, capturer), key=lambda one: (one.sector, one.index, one.piece)
+                )
+            else:
+                shown = read_impostor(dataset, cell, city).layers
             street = f", {entry.street}" if entry.street else ""
-            for sector in sorted({layer.sector for layer in impostor.layers}):
-                layers = [layer for layer in impostor.layers if layer.sector == sector]
+            for sector in sorted({layer.sector for layer in shown}):
+                layers = [layer for layer in shown if layer.sector == sector]
                 looking = _COMPASS[round(8.0 * sector / parameters.sectors) % 8]
                 number = counted(len({one.index for one in layers}), "layer")
                 title = f"cell {cell}{street}: {number} of sector {sector}, looking {looking}"
                 yield f"{cell}-sector-{sector}", layer_sheet(layers, title=title)
 
 
-def _planned(dataset: Dataset, prepared: PreparedCity, entry: CellEntry, identify: Identify | None) -> CellPlan:
+def _planned(dataset: Dataset, prepared: PreparedCity, entry: CellEntry, capturer: Capturer | None) -> CellPlan:
     """The plan that a cell was built from. Raises DatasetError where it is not the manifest's."""
     cell, near, far = entry.viewing_cell, list(entry.near), list(entry.far)
     stored = [(far[place], one.index) for _, one in entry.pictures for place in one.objects]
-    plan = plan_cell(prepared, cell, identify=identify)
+    plan = plan_cell(prepared, cell, identify=None if capturer is None else capturer.identify)
     names = [one.id for one in prepared.city.objects]
     layer_of = {names[i]: index for index, members in enumerate(plan.layers) for i in members}
     for what, found, expected in (
@@ -161,15 +173,15 @@ def _promise(promised: Sequence[float], cells: int, shown_at: str) -> str:
 
 
 @contextmanager
-def _identify(prepared: PreparedCity) -> Iterator[Identify | None]:
-    """What draws item buffers, where visibility needs it; nothing loads OpenGL where it does not."""
-    if prepared.visible is not None:
+def _capturer(prepared: PreparedCity) -> Iterator[Capturer | None]:
+    """What draws item buffers and captures layers, where it is needed; nothing loads OpenGL where it is not."""
+    if prepared.visible is not None and prepared.parameters.pictures == "all":
         yield None
         return
     from mmi.capture.renderer import Capturer
 
     with Capturer(prepared.mesh) as capturer:
-        yield capturer.identify
+        yield capturer
 
 
 def _rebuild(dataset: Dataset, what: str) -> DatasetError:

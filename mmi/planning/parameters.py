@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
+from types import MappingProxyType
 from typing import Any, SupportsFloat
 
 from mmi.foundation.camera import Camera
@@ -12,9 +13,13 @@ from mmi.foundation.errors import ParameterError
 from mmi.foundation.plug_ins import PlugIn
 from mmi.planning.choices import LAYERINGS, NEAR_STAGES, WEIGHTS, Choice, choose
 
-__all__ = ["VISIBILITIES", "BuildParameters"]
+__all__ = ["PICTURES", "VISIBILITIES", "BuildParameters"]
 
 VISIBILITIES = ("horizon", "item-buffer")
+PICTURES = ("all", "none")
+"""Which pictures of layers a dataset stores."""
+_LEFT_OUT = MappingProxyType({"near_stage": None, "pictures": "all"})
+"""Parameters that are not written where they have these values, so that datasets keep the bytes that they had without them."""
 _OwnOr = str | Callable[..., Any] | PlugIn
 _MOST_PIXELS = 8192
 """An 8K display; captures grow with the square of its focal length, and OpenGL draws 16384 pixels a side at most."""
@@ -67,6 +72,10 @@ class BuildParameters:
     """What divides near from far (:mod:`mmi.planning.segmentation`): ``parallax``, ``distance``, which keeps no bound, or a
     function of one's own; None: what goes with the weights.
     """
+    pictures: str = "all"
+    """``none`` stores meshes and how they were captured, but no pictures, depths or ids (paper section 5.2): who draws the
+    layers captures those from the city's geometry, with one sample a texel.
+    """
 
     def __post_init__(self) -> None:
         try:
@@ -106,6 +115,7 @@ class BuildParameters:
             expect(getattr(self, name) is None or getattr(self, name) >= 1, name, "a number of 1 or more")
         expect(0.1 <= self.steepest <= 10.0, "steepest", "a slope from 0.1 to 10")
         expect(self.visibility in VISIBILITIES, "visibility", " or ".join(VISIBILITIES))
+        expect(self.pictures in PICTURES, "pictures", " or ".join(PICTURES))
         for name, table in (("weights", WEIGHTS), ("layering", LAYERINGS), ("near_stage", NEAR_STAGES)):
             if name != "near_stage" or self.near_stage is not None:
                 object.__setattr__(self, name, choose(table, getattr(self, name), what=name).text)
@@ -155,11 +165,10 @@ class BuildParameters:
         return self.chosen_weights.bounded and self.chosen_layering.bounded and self.chosen_near_stage.bounded
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: plain values in the same units. A near stage is named only where one was asked for."""
-        values = asdict(self)
-        if self.near_stage is None:
-            del values["near_stage"]
-        return values
+        """For JSON: plain values in the same units. Near stage and pictures are named only where they are not the usual."""
+        return {
+            name: value for name, value in asdict(self).items() if name not in _LEFT_OUT or value != _LEFT_OUT[name]
+        }
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> BuildParameters:
@@ -168,7 +177,7 @@ class BuildParameters:
         Raises ParameterError where a name is missing or unknown, or a value is not what it should be.
         """
         names = {one.name for one in fields(cls)}
-        if not isinstance(values, Mapping) or {*values, "near_stage"} != names:
+        if not isinstance(values, Mapping) or {*values, *_LEFT_OUT} != names:
             found = sorted(values) if isinstance(values, Mapping) else repr(values)
             raise ParameterError(f"parameters {sorted(names)} expected, found {found}")
         try:

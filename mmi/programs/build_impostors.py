@@ -15,7 +15,7 @@ from mmi.foundation.camera import Camera
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.processes import usable_cores
 from mmi.planning.choices import LAYERINGS, WEIGHTS, Choice
-from mmi.planning.parameters import VISIBILITIES, BuildParameters
+from mmi.planning.parameters import PICTURES, VISIBILITIES, BuildParameters
 from mmi.programs.city_arguments import add_city_arguments, read_options
 from mmi.programs.command_line import (
     Parser,
@@ -147,6 +147,13 @@ def _build_parser() -> Parser:
         help="pictures are cut to whole squares of this side (default: %(default)s)",
     )
     method.add_argument(
+        "--pictures",
+        choices=PICTURES,
+        default=default.pictures,
+        help="none stores meshes alone, a part of the bytes: viewers draw the pictures when they enter a cell (default: "
+        "%(default)s)",
+    )
+    method.add_argument(
         "--texture-quality",
         type=int,
         default=default.texture_quality,
@@ -238,6 +245,7 @@ def _parameters(options: argparse.Namespace) -> BuildParameters:
             quad=options.quad,
             supersample=options.supersample,
             texture_quality=options.texture_quality,
+            pictures=options.pictures,
             cell_length=options.cell_length,
             eye=options.eye,
         )

@@ -123,6 +123,7 @@ def refusal(capsys, *arguments, program=build_impostors):
         ("--eye 2,1", "--eye: heights above the ground, low and high, in metres expected, found (2.0, 1.0)"),
         ("--eye a", "lowest,highest eye height in metres expected, found 'a'"),
         ("--eye nan,2", "lowest,highest eye height in metres expected"),
+        ("--pictures some", "argument --pictures: invalid choice: 'some'"),
         ("--quad 7", "--quad: a multiple of 8 from 8 to 128 expected, found 7"),
         ("--sectors 1", "--sectors: 4 to 36 sectors expected, found 1"),
         ("--supersample 2", "--supersample: 1, 3 or 5 expected, found 2"),
