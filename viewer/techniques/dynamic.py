@@ -163,9 +163,9 @@ class DynamicImpostors:
         bounds = {i: bounds_in(view, place.units[i].boxes) for i in seen}
         absent = [i for i in seen if capture_window(view, bounds[i], margin=0) is None]
         seen = [i for i in seen if i not in absent]
-        errors = _errors({i: self._parallax(place, i) for i in seen}, view)
+        stored_errors = _errors({i: self._parallax(place, i) for i in seen}, view)
         drops += self._expire(place, view)
-        shown = self._valid(place, view, seen, errors)
+        shown, errors = self._valid(place, view, stored_errors)
         still = last is None or np.array_equal(last.eye_from_world, view.eye_from_world)
         candidates = [
             Candidate(i, errors[i], place.units[i].depth, place.asked.get(i, -1))
@@ -173,11 +173,17 @@ class DynamicImpostors:
             if not (i in shown and shown[i].aligned(view)) and (still or errors[i] > self._worth)
         ]
         margin = _MARGIN if last is None else _margin(last, view)
-        predicted = self._predicted(stored, place, seen, shown, budget)
+        predicted = self._predicted(stored, place, seen, shown, budget.costs)
+        for i in sorted(shown, key=lambda i: stored_errors[i] - errors[i]):
+            if predicted <= budget.frame:
+                break
+            del shown[i]  # the stored layer takes less time
+            predicted = self._predicted(stored, place, seen, shown, budget.costs)
         requests, fresh, gone = self._update(
             place, view, candidates, bounds, margin, predicted, budget, moves=not still
         )
-        shown |= {i: place.captured[i] for i in fresh}
+        fresh_errors = _errors({i: place.captured[i].parallax for i in fresh}, view)
+        shown |= {i: place.captured[i] for i in fresh if fresh_errors[i] <= errors[i]}
         draws = _composed(stored.draws, place.units, absent, shown)
         return replace(stored, draws=draws, requests=requests, drops=(*drops, *gone))
 
@@ -230,19 +236,18 @@ class DynamicImpostors:
         return tuple(gone)
 
     def _valid(
-        self, place: _Place, view: View, seen: Sequence[int], errors: dict[int, float]
-    ) -> dict[int, CapturedLayer]:
-        """What is shown as it was captured; ``errors`` becomes the error angle of what is shown of each layer."""
-        there = {i: place.captured[i] for i in seen if i in place.captured and place.captured[i].covers(view)}
+        self, place: _Place, view: View, stored: Mapping[int, float]
+    ) -> tuple[dict[int, CapturedLayer], dict[int, float]]:
+        """What is shown as it was captured, and the error angle of what is shown of each layer: ``stored`` has stored ones'."""
+        there = {i: place.captured[i] for i in stored if i in place.captured and place.captured[i].covers(view)}
         now = _errors({i: one.parallax for i, one in there.items()}, view)
-        better = {i: one for i, one in there.items() if now[i] <= errors[i]}
-        errors |= {i: now[i] for i in better}
-        return better
+        better = {i: one for i, one in there.items() if now[i] <= stored[i]}
+        return better, {**stored, **{i: now[i] for i in better}}
 
     # ----------------------------------------------------------------------------------------------- what is captured
 
     def _predicted(
-        self, stored: Plan, place: _Place, seen: Sequence[int], shown: Mapping[int, CapturedLayer], budget: Budget
+        self, stored: Plan, place: _Place, seen: Sequence[int], shown: Mapping[int, CapturedLayer], costs: Costs
     ) -> float:
         """Seconds that the frame is predicted to take without updates."""
         relief = sum(one.part.pixels for one in shown.values())
@@ -252,7 +257,7 @@ class DynamicImpostors:
         for draw in stored.draws:
             if isinstance(draw, Ground):
                 triangles += int(self._scene.ground.triangle_counts[list(draw.tiles)].sum())
-        return budget.costs.of_draws(triangles=triangles, draws=_DRAWS + len(shown), relief=relief)
+        return costs.of_draws(triangles=triangles, draws=_DRAWS + len(shown), relief=relief)
 
     def _update(
         self,

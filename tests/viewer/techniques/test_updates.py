@@ -1,0 +1,143 @@
+"""What a view shows of boxes, and what a capture covers, against points of the boxes projected one by one."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mmi.foundation.camera import view_towards
+from mmi.validity.layers import layer_parallax
+from viewer.plan import RELIEF_QUAD, ImageKey, ReliefPart
+from viewer.techniques.updates import CapturedLayer, bounds_in, capture_window, layer_units, spans_of
+
+WINDOW = (-128, -96, 256, 192)
+FOCAL = 220.0
+
+
+def view_from(eye, azimuth, pitch=0.0):
+    return view_towards(np.array(eye, dtype=float), azimuth, pitch, focal=FOCAL, window=WINDOW)
+
+
+@st.composite
+def box_sets(draw):
+    rng = np.random.default_rng(draw(st.integers(0, 10**6)))
+    count = draw(st.integers(1, 6))
+    low = rng.uniform([-60.0, -60.0, -5.0], [60.0, 60.0, 20.0], (count, 3))
+    return np.stack([low, low + rng.uniform(0.5, 25.0, (count, 3))], axis=1)
+
+
+def points_of(boxes, rng, each=200):
+    t = rng.uniform(size=(len(boxes), each, 3))
+    corners = rng.integers(0, 2, (len(boxes), each, 3)).astype(float)
+    t = np.where(rng.uniform(size=(len(boxes), each, 1)) < 0.3, corners, t)
+    return boxes[:, None, 0] + t * (boxes[:, None, 1] - boxes[:, None, 0])
+
+
+@settings(deadline=None)
+@given(box_sets(), st.floats(-3.1, 3.1), st.floats(-0.7, 0.7), st.integers(0, 99))
+def test_bounds_hold_every_point_in_front_of_the_eye(boxes, azimuth, pitch, seed):
+    view = view_from((1.0, 2.0, 1.7), azimuth, pitch)
+    bounds = bounds_in(view, boxes)
+    seen = view.project(points_of(boxes, np.random.default_rng(seed)))
+    for (left, top, right, bottom), some in zip(bounds, seen, strict=True):
+        u, v = some[some[:, 2] > 0.1, :2].T
+        if np.isnan(left):
+            assert not u.size
+            continue
+        assert (u >= left - 1e-6).all() and (u <= right + 1e-6).all()
+        assert (v >= top - 1e-6).all() and (v <= bottom + 1e-6).all()
+
+
+@settings(deadline=None)
+@given(box_sets(), st.floats(-3.1, 3.1), st.integers(0, 40), st.integers(0, 99))
+def test_a_window_and_its_spans_hold_all_that_the_view_shows(boxes, azimuth, margin, seed):
+    view = view_from((1.0, 2.0, 1.7), azimuth)
+    bounds = bounds_in(view, boxes)
+    place = capture_window(view, bounds, margin=margin)
+    u, v, depth = np.moveaxis(view.project(points_of(boxes, np.random.default_rng(seed))), -1, 0)
+    left, top, width, height = view.window
+    inside = depth > 0.1
+    inside &= (u >= left - margin) & (u < left + width + margin) & (v >= top - margin) & (v < top + height + margin)
+    if place is None:
+        assert not inside.any()
+        return
+    x, y, w, h = place.window
+    assert ((u[inside] >= x) & (u[inside] <= x + w) & (v[inside] >= y) & (v[inside] <= y + h)).all()
+    if place.whole:
+        assert inside.all()
+    spans = spans_of(view.cropped(place.window), bounds)
+    assert spans.shape == (-(-w // RELIEF_QUAD), 2) and (spans >= 0).all() and (spans <= h).all()
+    column = np.minimum(((u[inside] - x) // RELIEF_QUAD).astype(int), len(spans) - 1)
+    assert ((v[inside] - y >= spans[column, 0]) & (v[inside] - y <= spans[column, 1])).all()
+
+
+def captured(view, boxes, margin):
+    place = capture_window(view, bounds_in(view, boxes), margin=margin)
+    if place is None:
+        return None
+    part = ReliefPart(view.cropped(place.window), (0, 0), 10.0)
+    nearest = np.linalg.norm(np.clip(view.eye, boxes[:, 0], boxes[:, 1]) - view.eye, axis=1).min()
+    return CapturedLayer(ImageKey("test", "one"), part, place, layer_parallax(view.eye, boxes), float(nearest))
+
+
+@settings(deadline=None)
+@given(
+    box_sets(),
+    st.floats(-3.1, 3.1),
+    st.floats(-0.3, 0.3),
+    st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0)),
+    st.integers(0, 64),
+    st.integers(0, 99),
+)
+def test_what_covers_a_view_has_every_point_that_it_shows(boxes, azimuth, turn, step, margin, seed):
+    before = view_from((1.0, 2.0, 1.7), azimuth)
+    after = view_from((1.0 + step[0], 2.0 + step[1], 1.7), azimuth + turn)
+    layer = captured(before, boxes, margin)
+    if layer is None or not layer.covers(after):
+        return
+    points = points_of(boxes, np.random.default_rng(seed)).reshape(-1, 3)
+    u, v, depth = after.project(points).T
+    left, top, width, height = after.window
+    shown = (depth > 0.1) & (u >= left) & (u < left + width) & (v >= top) & (v < top + height)
+    x, y, w, h = layer.place.window
+    u, v, depth = before.project(points[shown]).T
+    assert (depth > 0.0).all()
+    assert ((u >= x - 1e-6) & (u <= x + w + 1e-6) & (v >= y - 1e-6) & (v <= y + h + 1e-6)).all()
+
+
+def test_a_capture_covers_its_own_view_and_small_turns_within_its_margin():
+    boxes = np.array([[[20.0, -40.0, 0.0], [30.0, 40.0, 15.0]]])  # wider than the view
+    view = view_from((0.0, 0.0, 1.7), 0.0)
+    assert captured(view, boxes, 0).covers(view)
+    assert not captured(view, boxes, 0).covers(view_from((0.0, 0.0, 1.7), 0.05))
+    assert captured(view, boxes, 32).covers(view_from((0.0, 0.0, 1.7), 0.05))
+    assert not captured(view, boxes, 32).covers(view_from((0.0, 0.0, 1.7), 0.3))
+    assert not captured(view, boxes, 32).covers(view_from((0.0, 0.0, 1.7), math.pi))
+    small = np.array([[[20.0, -1.0, 0.0], [30.0, 1.0, 3.0]]])
+    assert captured(view, small, 0).covers(view_from((0.0, 0.0, 1.7), 0.3)), "it is whole"
+
+
+def test_units_are_all_layers_of_a_cell_with_all_their_objects(scene, dataset):
+    entry = dataset.cell("0001-01")
+    units = layer_units(scene, "0001-01")
+    assert sorted(name for unit in units for name in unit.pictures) == sorted(one.name for _, one in entry.pictures)
+    for unit in units:
+        of = {place for _, one in entry.pictures if one.name in unit.pictures for place in one.objects}
+        objects = sorted(scene.objects[entry.far[place]] for place in of)
+        drawn = np.concatenate([piece.draw.objects for piece in unit.pieces])
+        assert sorted(drawn.tolist()) == objects
+        assert sorted(np.concatenate([piece.rows for piece in unit.pieces]).tolist()) == list(range(len(objects)))
+        assert sum(piece.triangles for piece in unit.pieces) == scene.mesh.triangle_counts[objects].sum()
+        np.testing.assert_array_equal(unit.boxes, scene.boxes[objects])
+    assert len({piece.draw.key for unit in units for piece in unit.pieces}) == sum(len(unit.pieces) for unit in units)
+
+
+@pytest.mark.parametrize("name", ["0001-01", "0000-02"])
+def test_boxes_of_objects_hold_their_vertices(scene, name):
+    mesh = scene.mesh
+    for one, (first, last) in enumerate(zip(mesh.object_vertices[:-1], mesh.object_vertices[1:], strict=True)):
+        points = mesh.positions[first:last]
+        np.testing.assert_allclose(scene.boxes[one], [points.min(axis=0), points.max(axis=0)])
+    assert layer_units(scene, name)
