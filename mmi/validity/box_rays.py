@@ -17,8 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = ["BoxRays", "Extents", "box_rays", "cosines_with", "disparity", "extents", "offsets", "pick", "spread_of"]
 
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-_UNITS = ([0], [1], [2], [0, 1], [0, 2], [1, 2], [0, 1, 2])
+_COUNTED = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, 0, 1], [0, 1, 1], [1, 1, 1]], dtype=np.float64)
 """The axes that each unit counts."""
+_UNIT, _AXIS = np.nonzero(_COUNTED)
+_FIRST = np.searchsorted(_UNIT, np.arange(7))
+_OTHERS = _COUNTED[_UNIT] * (np.arange(3) != _AXIS[:, None])
+"""Of each unit and axis that it counts: those, where a unit's axes begin, and the other axes."""
 _UNUSABLE = 1e9
 """A unit that may change by so much from one ray to its neighbour bounds nothing."""
 
@@ -81,7 +85,7 @@ def spread_of(
     """The greatest angle between a direction and a corner: below a right angle the cone holds the box, else pi."""
     corners = np.where(_CORNERS == 0, low[:, None, :], high[:, None, :])
     along = np.sum(corners * directions[:, None, :], axis=-1)
-    aside = np.linalg.norm(np.cross(corners, directions[:, None, :]), axis=-1)
+    aside = np.linalg.norm(corners - along[..., None] * directions[:, None, :], axis=-1)
     spread = np.max(np.arctan2(aside, along), axis=-1)
     return np.where(spread < 0.5 * math.pi, spread, math.pi)
 
@@ -105,25 +109,20 @@ def extents(low: NDArray[np.float64], high: NDArray[np.float64], widened: float 
     its own. A unit is the length k of a ray's projection, and changes by a factor of at most 1 + x, x = widened / (k -
     widened), from one ray to the other; the directions of the projections differ by at most x.
     """
-    nearest, farthest = np.maximum(np.maximum(low, -high), 0.0), np.maximum(np.abs(low), np.abs(high))
-    size, count = high - low, len(low)
-    near, far, chord = np.empty((7, count)), np.empty((7, count)), np.empty((7, count))
-    for unit, axes in enumerate(_UNITS):
-        rest = [i for i in (0, 1, 2) if i not in axes]
-        close, away = np.linalg.norm(nearest[:, axes], axis=-1), np.linalg.norm(farthest[:, axes], axis=-1)
-        turn, scale = np.full(count, widened), np.ones(count)
-        if widened > 0.0 and rest:
-            least = close / np.maximum(np.hypot(close, np.linalg.norm(farthest[:, rest], axis=-1)), 1e-300) - widened
-            turn = np.divide(widened, least, out=np.full(count, _UNUSABLE), where=least > 0.0)
-            scale = 1.0 + turn
-        longest = np.full(count, math.inf)
-        for i in axes:
-            aslant = np.hypot(nearest[:, i], np.linalg.norm(farthest[:, [j for j in axes if j != i]], axis=-1))
-            top, met = (size[:, i] + (away * turn if widened > 0.0 else 0.0)) * aslant, nearest[:, i] > 0.0
-            longest = np.minimum(longest, np.divide(top, nearest[:, i], out=np.full(count, math.inf), where=met))
-        near[unit], far[unit] = close / scale, away * scale
-        chord[unit] = longest * scale + close * (scale - 1.0 / scale) if widened > 0.0 else longest
-    return Extents(near, far, chord)
+    nearest, farthest = np.maximum(np.maximum(low, -high), 0.0).T, np.maximum(np.abs(low), np.abs(high)).T
+    close, away = nearest * nearest, farthest * farthest
+    near, far = np.sqrt(_COUNTED @ close), np.sqrt(_COUNTED @ away)
+    turn, scale = np.full(near.shape, widened), np.ones(near.shape)
+    if widened > 0.0:
+        # The last unit is the distance, which no turn changes.
+        least = near[:6] / np.maximum(np.sqrt(_COUNTED[:6] @ close + (1.0 - _COUNTED[:6]) @ away), 1e-300) - widened
+        turn[:6] = np.divide(widened, least, out=np.full(least.shape, _UNUSABLE), where=least > 0.0)
+        scale[:6] = 1.0 + turn[:6]
+    aslant = np.sqrt(close[_AXIS] + _OTHERS @ away)
+    length = ((high - low).T[_AXIS] + (far * turn)[_UNIT]) * aslant
+    chords = np.divide(length, nearest[_AXIS], out=np.full(length.shape, math.inf), where=nearest[_AXIS] > 0.0)
+    chord = np.minimum.reduceat(chords, _FIRST) * scale + near * (scale - 1.0 / scale)
+    return Extents(near / scale, far * scale, chord)
 
 
 def disparity(near: NDArray[np.float64], far: NDArray[np.float64]) -> NDArray[np.float64]:

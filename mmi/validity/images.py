@@ -78,8 +78,10 @@ def error_angle(
         angles = _turned(rays, _across(rays, shown), *_turn(rays, _across(rays, shown), moved))
         angles = np.where(length > 0.0, angles, 0.0)
     else:
+        flat = isinstance(shown, Flat)
         pairs = _flat_pairs(rays, shown) if isinstance(shown, Flat) else (_relief_pair(rays, shown),)
-        angles = np.max([angle_in_cone(*pair, length, low, high) for pair in pairs], axis=0)
+        scale = np.maximum(np.cos(rays.spread), 0.0) if flat else 0.0
+        angles = np.max([angle_in_cone(*pair, length, low, high, scale=scale) for pair in pairs], axis=0)
     return np.minimum(angles + _grown(inherited, rays.near, length * np.maximum(high, 0.0)), math.pi)
 
 

@@ -2,7 +2,8 @@
 
 Schaufler and Stuerzlinger 1996 ("A Three Dimensional Image Cache for Virtual Reality"), figures 2 and 3; Duckstein 1998
 ("Extension of Validity Calculation to Moving Objects"), equations (1) to (5) and figures 4 and 5. Points of n boxes are
-(n, k, 3), in the papers their corners; what lies between the corners may be worse.
+(n, k, 3), in the papers their corners; what lies between the corners may be worse. Viewpoints are (3,), or (n, 3) with one
+for each box.
 """
 
 from __future__ import annotations
@@ -51,16 +52,15 @@ def corners(boxes: ArrayLike) -> NDArray[np.float64]:
 
 
 def on_quadrilateral(captured: ArrayLike, points: ArrayLike, middle: ArrayLike) -> NDArray[np.float64]:
-    """Projections (n, k, 3) from ``captured`` (3,) onto quadrilaterals through ``middle`` (n, 3), across the lines to there."""
+    """Projections (n, k, 3) from ``captured`` onto quadrilaterals through ``middle`` (n, 3), across the lines to there."""
     eye = np.asarray(captured, dtype=np.float64)
-    line = np.asarray(middle, dtype=np.float64) - eye
-    offsets = np.asarray(points, dtype=np.float64) - eye
+    line, offsets = np.asarray(middle, dtype=np.float64) - eye, _seen(eye, points)
     share = np.sum(line * line, axis=-1)[:, None] / np.einsum("nkc,nc->nk", offsets, line)
-    return np.asarray(eye + offsets * share[..., None])
+    return np.asarray(eye[..., None, :] + offsets * share[..., None])
 
 
 def turned_to_viewer(eye: ArrayLike, captured: ArrayLike, shown: ArrayLike, middle: ArrayLike) -> NDArray[np.float64]:
-    """The same points of quadrilaterals that turned around ``middle`` (n, 3) from ``captured`` (3,) towards ``eye`` (3,)."""
+    """The same points of quadrilaterals that turned around ``middle`` (n, 3) from ``captured`` towards ``eye``."""
     centre = np.asarray(middle, dtype=np.float64)
     before, after = (centre - np.asarray(one, dtype=np.float64) for one in (captured, eye))
     before = before / np.linalg.norm(before, axis=-1, keepdims=True)
@@ -79,7 +79,7 @@ def moved_points(moved: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
 
 
 def common_error(eye: ArrayLike, points: ArrayLike, shown: ArrayLike) -> NDArray[np.float64]:
-    """The common calculation (1): the largest angle (n,) between points and their projections from ``eye`` (3,).
+    """The common calculation (1): the largest angle (n,) between points and their projections from ``eye``.
 
     As an arc tangent: the arc cosine that is printed has no digits left below 1e-8 radians.
     """
@@ -108,7 +108,7 @@ def predicted_frames(zone: ArrayLike, moved: ArrayLike, eye: ArrayLike, step: Ar
 
 def _seen(eye: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
     """Points from the viewpoint."""
-    return np.asarray(np.asarray(points, dtype=np.float64) - np.asarray(eye, dtype=np.float64))
+    return np.asarray(np.asarray(points, dtype=np.float64) - np.asarray(eye, dtype=np.float64)[..., None, :])
 
 
 def _zone(h: NDArray[np.float64], parted: NDArray[np.float64], limit: float) -> NDArray[np.float64]:

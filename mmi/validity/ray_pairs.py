@@ -31,24 +31,31 @@ def angle_between(near: ArrayLike, far: ArrayLike, moved: ArrayLike, cosine: Arr
 
 
 def angle_in_cone(
-    near: ArrayLike, far: ArrayLike, moved: ArrayLike, least_cosine: ArrayLike, most_cosine: ArrayLike
+    near: ArrayLike,
+    far: ArrayLike,
+    moved: ArrayLike,
+    least_cosine: ArrayLike,
+    most_cosine: ArrayLike,
+    *,
+    scale: ArrayLike = 0.0,
 ) -> NDArray[np.float64]:
     """What no pair of points parts by on rays whose cosines with the movement lie in a range.
 
-    The points are at least ``near`` and at most ``far`` metres away, in the same unit on each ray, and that unit is a metre or
-    more: depths along an axis do, where distances are depths divided by the cosine of ray and axis.
+    The points are at least ``near`` and at most ``far`` metres away, in the same unit on each ray, and that unit is between a
+    metre and 1 / ``scale`` metres: depths along an axis do, where distances are depths divided by the cosine of ray and axis.
 
     The derivative of (*) by f has the sign of cos f (a b + w^2) - (a + b) w, so that (*) rises up to one angle and falls
     behind it. Its derivative by w has the sign of a b - w^2. A unit of k metres leaves (*) as it is if w is divided by k, so
-    the worst is at the w' in (0, w] that is closest to sqrt(a b), whatever the angle, and there at the clamped angle.
+    the worst is at the w' in [scale w, w] that is closest to sqrt(a b), whatever the angle, and there at the clamped angle.
     """
     a, b = np.asarray(near, dtype=np.float64), np.asarray(far, dtype=np.float64)
     product = a * b
-    w = np.minimum(np.asarray(moved, dtype=np.float64), np.sqrt(product))
+    way = np.asarray(moved, dtype=np.float64)
+    w = np.clip(np.sqrt(product), np.asarray(scale) * way, way)
     sums = product + w * w
     worst = np.divide(w * (a + b), sums, out=np.ones(np.broadcast(w, sums).shape), where=sums > 0.0)
     cosine = np.clip(worst, least_cosine, most_cosine)
-    between = (w >= a * (1.0 - ROUNDING)) & (cosine >= 1.0 - ROUNDING) & (b > a) & (np.asarray(moved) > 0.0)
+    between = (w >= a * (1.0 - ROUNDING)) & (cosine >= 1.0 - ROUNDING) & (b > a) & (way > 0.0)
     return np.where(between, math.pi, angle_between(a, b, w, cosine))
 
 
