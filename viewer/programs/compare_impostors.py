@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["compare_impostors"]
 
 _TECHNIQUES = "full,visible,local,single-mesh,multi-mesh"
+_MORE = "multi-mesh-dynamic"
 _TOUR_METRES = 300.0
 _VIEWS = 50
 
@@ -82,8 +83,9 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         type=names_option,
         default=names_option(_TECHNIQUES),
         metavar="A,B,...",
-        help=f"default: {_TECHNIQUES}; package.module:function is a technique of your own (a function of the scene, in a "
-        "module that can be imported or is in the current folder)",
+        help=f"default: {_TECHNIQUES}; there is also {_MORE}, whose views want to be held (--settle); "
+        "package.module:function is a technique of your own (a function of the scene, in a module that can be imported or is "
+        "in the current folder)",
     )
     frames = parser.add_argument_group("frames")
     frames.add_argument(

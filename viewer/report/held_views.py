@@ -24,6 +24,8 @@ from viewer.runtime.cost_model import CostModel
 
 __all__ = ["HeldFrame", "HeldView", "held_again", "hold_view", "layers_shown", "settled_after"]
 
+_PATIENT = 3600.0
+"""Seconds for a frame that has time for everything."""
 _TIMINGS = 3
 """A view of a single frame is drawn this many times, and the median of its times counts."""
 
@@ -89,7 +91,9 @@ def hold_view(
         model = model.after(picture.done, planning=planning)
         budget = replace(budget, costs=model.costs, done=picture.done)
     _forget(renderer, plans)
-    return HeldView(tuple(found), settled_after(plans), model.costs)
+    more = math.inf if updates > 0.0 else 0.0
+    patient = technique.plan(view, now=frames / frames_per_second, budget=replace(budget, frame=_PATIENT, updates=more))
+    return HeldView(tuple(found), settled_after(plans, patient), model.costs)
 
 
 @contextmanager
@@ -113,17 +117,16 @@ def held_again(
         _forget(renderer, plans)
 
 
-def settled_after(plans: Sequence[Plan]) -> int | None:
+def settled_after(plans: Sequence[Plan], patient: Plan) -> int | None:
     """How many of ``plans`` come before the first from which on they have no requests and stay the same.
 
-    None where that is not even so of the last one. That images are dropped makes no plan another.
+    ``patient`` is the next plan, of a frame that has time for everything: where it has requests, the last plans had none only
+    because there was no time for any. None where the view has not settled. That images are dropped makes no plan another.
     """
-    if plans[-1].requests:
-        return None
-    last, count = replace(plans[-1], drops=()), len(plans) - 1
-    while count and not plans[count - 1].requests and replace(plans[count - 1], drops=()).same_as(last):
+    end, count = replace(patient, drops=()), len(plans)
+    while count and not end.requests and replace(plans[count - 1], drops=()).same_as(end):
         count -= 1
-    return count
+    return count if count < len(plans) else None
 
 
 def layers_shown(plan: Plan) -> int:

@@ -119,7 +119,8 @@ _TERMS = (
     (
         "settled after, frames",
         "settled",
-        "A view has settled when the technique captures nothing for it any more and draws the same frame after frame.",
+        "A view has settled when the technique captures nothing for it any more, though it had the time, and draws the same "
+        "frame after frame.",
     ),
     (
         "layers of a view",

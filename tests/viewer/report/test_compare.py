@@ -148,7 +148,7 @@ def test_a_walk_is_told_frame_by_frame(walked):
         assert film.n_frames == frames
     assert {what for *_, what in told} >= {"frames timed", "frames scored", "cells of single-mesh"}
     timed = [done for done, _, what in told if what == "frames timed"]
-    assert timed == [*range(5 * frames), 5 * frames]
+    assert timed == [*range(len(TECHNIQUES) * frames), len(TECHNIQUES) * frames]
 
 
 def test_what_loading_took_is_told(walked):

@@ -1,6 +1,7 @@
 """Views that are held: by a technique that captures what it shows, a part in each frame, and by those that capture nothing."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -159,20 +160,21 @@ def test_what_is_scored_was_planned_with_the_budgets_that_were_timed(scene, rend
     timed, again = Gradual(scene), Gradual(scene)
     costs = Costs(frame=0.001)
     held = hold_view(timed, renderer, cache, view, frames=6, frames_per_second=20.0, updates=0.004, costs=costs)
-    assert [(one.frame, one.updates) for one in timed.budgets] == 6 * [(0.05, 0.004)]
+    *budgets, patient = timed.budgets
+    assert [(one.frame, one.updates) for one in budgets] == 6 * [(0.05, 0.004)]
+    assert patient.frame > 60.0 and patient.updates == math.inf
     assert (timed.budgets[0].costs, timed.budgets[0].done) == (costs, None)
-    assert len({one.costs for one in timed.budgets} | {held.costs}) == 7, "what frames took is learnt from"
-    assert [one.done.requests.pixels > 0 for one in timed.budgets[1:]] == [False, True, True, True, False]
-    assert timed.times == pytest.approx([0.0, 0.05, 0.1, 0.15, 0.2, 0.25])
+    assert len({one.costs for one in budgets} | {held.costs}) == 7, "what frames took is learnt from"
+    assert [one.done.requests.pixels > 0 for one in budgets[1:]] == [False, True, True, True, False]
+    assert timed.times == pytest.approx([0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3])
     assert all(
-        frame.seconds >= budget.done.draws.seconds
-        for frame, budget in zip(held.frames, timed.budgets[1:], strict=False)
+        frame.seconds >= budget.done.draws.seconds for frame, budget in zip(held.frames, budgets[1:], strict=False)
     )
     with held_again(again, renderer, cache, view, held) as last:
         assert last is again.plans[-1]
         assert renderer.image(IMAGE).object_ids.max() >= 0
-    assert (again.budgets, again.times) == (timed.budgets, timed.times)
-    assert all(one.same_as(other) for one, other in zip(again.plans, timed.plans, strict=True))
+    assert (again.budgets, again.times) == (budgets, timed.times[:-1])
+    assert all(one.same_as(other) for one, other in zip(again.plans, timed.plans[:-1], strict=True))
     assert held.settled == PARTS + 1
 
 
@@ -191,31 +193,45 @@ def test_nothing_that_was_captured_is_left(scene, renderer, cache):
 @pytest.mark.parametrize(
     ("plans", "after"),
     [
-        ("a", 0),
-        ("aaa", 0),
-        ("A", None),
-        ("Aaa", 1),
+        ("aa", 0),
+        ("aaaa", 0),
+        ("Aaaa", 1),
         ("aAaa", 2),
-        ("AAA", None),
+        ("baaaa", 1),
+        ("abaa", 2),
+        ("AAAaa", 3),
+        ("A", None),
+        ("ab", None),
+        ("abab", None),
+        ("AAAA", None),
+        ("AAAa", None),
         ("aaaA", None),
-        ("baaa", 1),
-        ("aba", 2),
-        ("abab", 3),
     ],
 )
 def test_a_view_has_settled_where_plans_capture_nothing_and_stay_the_same(scene, plans, after):
-    """A letter is what is drawn, a capital letter has something captured as well."""
-    view = VIEW.view(scene.camera)
-    request = Request(Slot(IMAGE, (8, 8)), view, ())
-    made = [
+    """A letter is what is drawn, a capital letter has something captured as well. The last one had all the time there is."""
+    request = Request(Slot(IMAGE, (8, 8)), VIEW.view(scene.camera), ())
+    *made, patient = [
         Plan((Objects(one.lower(), np.arange(1)), Sky()), requests=(request,) if one.isupper() else ()) for one in plans
     ]
-    assert settled_after(made) == after
+    assert settled_after(made, patient) == after
 
 
 def test_images_that_are_dropped_unsettle_nothing():
     plan = Plan((Sky(),))
-    assert settled_after([replace(plan, drops=(IMAGE,)), plan, plan]) == 0
+    assert settled_after([replace(plan, drops=(IMAGE,)), plan, plan], plan) == 0
+
+
+def test_who_has_no_time_to_capture_has_not_settled(scene, renderer, cache):
+    class Starved(Gradual):
+        """Captures a part where a frame has ten seconds."""
+
+        def plan(self, view, *, now, budget):
+            return super().plan(view, now=now, budget=budget if budget.frame > 10.0 else replace(budget, updates=0.0))
+
+    view = VIEW.view(scene.camera)
+    assert hold_view(Starved(scene), renderer, cache, view, frames=4).settled is None
+    assert hold_view(Starved(scene), renderer, cache, view, frames=4, updates=0.0).settled == 0
 
 
 def test_layers_are_counted_by_sector_and_pieces_are_no_layers(scene):
