@@ -63,15 +63,23 @@ Shown = Flat | Relief
 
 
 def error_angle(
-    eye: ArrayLike, captured: ArrayLike, boxes: ArrayLike, shown: Shown, *, inherited: ArrayLike = 0.0
+    eye: ArrayLike,
+    captured: ArrayLike,
+    boxes: ArrayLike,
+    shown: Shown,
+    *,
+    inherited: ArrayLike = 0.0,
+    rays: BoxRays | None = None,
 ) -> NDArray[np.float64]:
     """Radians (n,) that no point of a box is seen away from its image, from ``eye``: how wrong the images are now.
 
     ``inherited`` (radians, a number or (n,)) is how wrong an image was from where it was captured, as it was made from
-    other images: it grows as the viewer comes closer. It is pi where nothing is known, as inside a box.
+    other images: it grows as the viewer comes closer. It is pi where nothing is known, as inside a box. A caller that
+    asks every frame keeps ``rays``, those of :func:`mmi.validity.box_rays.box_rays` for ``captured`` and ``boxes``: they are
+    most of the work.
     """
     moved = np.asarray(eye, dtype=np.float64) - np.asarray(captured, dtype=np.float64)
-    rays = box_rays(captured, boxes)
+    rays = box_rays(captured, boxes) if rays is None else rays
     length = np.linalg.norm(moved, axis=-1)
     low, high = cosines_with(rays.directions, rays.spread, moved)
     if isinstance(shown, Flat) and shown.turns:

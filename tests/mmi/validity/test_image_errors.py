@@ -17,6 +17,7 @@ from whole_boxes import (
 )
 
 from mmi.foundation.errors import ParameterError
+from mmi.validity.box_rays import box_rays
 from mmi.validity.images import Flat, Relief, error_angle, safe_distance
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -173,6 +174,8 @@ def test_one_viewpoint_serves_all_boxes():
     for shown in (Flat(), Flat(turns=True), Flat(distance=40.0), Relief(residual=0.1)):
         one = error_angle(captured[0] + 1.0, captured[0], boxes, shown)
         np.testing.assert_array_equal(one, error_angle(many + 1.0, many, boxes, shown))
+        kept = error_angle(many + 1.0, many, boxes, shown, rays=box_rays(many, boxes))
+        np.testing.assert_array_equal(one, kept)
         assert safe_distance(captured[0], boxes, shown, 0.01).shape == (30,)
 
 
