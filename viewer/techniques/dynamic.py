@@ -292,7 +292,7 @@ class DynamicImpostors:
             requests += asked
             if waiting:
                 if asked or pending is not None:
-                    layer = self._captured(draft, unit) if pending is None else pending.layer
+                    layer = self._captured(draft, unit, bounds[one.unit]) if pending is None else pending.layer
                     place.pending[one.unit] = _Pending(draft, layer, waiting)
                 elif least > min(budget.updates, budget.frame - predicted):  # it never fits, and others may
                     continue
@@ -301,7 +301,9 @@ class DynamicImpostors:
             place.pending.pop(one.unit, None)
             if one.unit in place.captured:
                 gone.append(place.captured[one.unit].image)
-            place.captured[one.unit] = self._captured(draft, unit) if pending is None else pending.layer
+            place.captured[one.unit] = (
+                self._captured(draft, unit, bounds[one.unit]) if pending is None else pending.layer
+            )
             place.asked[one.unit] = self._frame
             fresh.append(one.unit)
         return tuple(requests), fresh, gone
@@ -314,11 +316,14 @@ class DynamicImpostors:
         part = ReliefPart(seen, (0, 0), max(unit.depth, 1.0), spans=spans_of(seen, bounds))
         return _Draft(ImageKey(self.name, f"{unit.name} {self._frame}"), part, place)
 
-    def _captured(self, draft: _Draft, unit: LayerUnit) -> CapturedLayer:
-        """What is there when all of it was captured."""
+    def _captured(self, draft: _Draft, unit: LayerUnit, bounds: NDArray[np.float64]) -> CapturedLayer:
+        """What is there when all of it was captured; ``bounds`` (k, 4) are those of the layer's boxes as they are seen now."""
         eye = draft.part.view.eye
-        nearest = np.linalg.norm(np.clip(eye, unit.boxes[:, 0], unit.boxes[:, 1]) - eye, axis=1).min()
-        return CapturedLayer(*draft, self._seen_from(eye, unit.boxes), float(nearest))
+        left, top, width, height = draft.place.window
+        inside = (bounds[:, :2] < [left + width, top + height]).all(axis=1) & (bounds[:, 2:] > [left, top]).all(axis=1)
+        boxes = unit.boxes[inside]
+        nearest = np.linalg.norm(np.clip(eye, boxes[:, 0], boxes[:, 1]) - eye, axis=1).min()
+        return CapturedLayer(*draft, self._seen_from(eye, boxes), float(nearest))
 
 
 def _fitting(
