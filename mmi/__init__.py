@@ -2,7 +2,7 @@
 
 Read a city (:func:`read_city`), build a dataset of it (:func:`build_dataset`), open it (:func:`open_dataset`), read a cell's
 layers (:func:`read_impostor`), plot what was done (:func:`inspect_dataset`). The packages follow the paper, from the ground up:
-foundation, city, reading, appearance, cells, gltf, writing, visibility, parallax, validity, planning, capture, meshing,
+foundation, city, reading, appearance, cells, movers, gltf, writing, visibility, parallax, validity, planning, capture, meshing,
 dataset, building, inspection, programs.
 """
 
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from mmi.foundation.plug_ins import PlugIn, plug_in
     from mmi.foundation.progress import Progress, ProgressLog
     from mmi.inspection.inspect import inspect_dataset, typical_cell
+    from mmi.movers.movers import Movers
+    from mmi.movers.movers_file import read_movers, write_movers
     from mmi.planning.parameters import BuildParameters
     from mmi.planning.plan import CellPlan, PreparedCity, plan_cell, prepare_city
     from mmi.planning.segmentation import NearSettings
@@ -63,6 +65,7 @@ __all__ = [
     "LayerPicture",
     "Manifest",
     "MmiError",
+    "Movers",
     "NearSettings",
     "ParameterError",
     "PlugIn",
@@ -90,11 +93,13 @@ __all__ = [
     "read_depths",
     "read_impostor",
     "read_meshes",
+    "read_movers",
     "read_pictures",
     "typical_cell",
     "viewing_cells",
     "write_cityjson",
     "write_glb",
+    "write_movers",
 ]
 
 _HOMES = MappingProxyType(
@@ -123,6 +128,8 @@ _HOMES = MappingProxyType(
         "mmi.foundation.camera": ("Camera", "View", "level_view"),
         "mmi.foundation.errors": ("CaptureError", "CityError", "DatasetError", "MmiError", "ParameterError"),
         "mmi.inspection.inspect": ("inspect_dataset", "typical_cell"),
+        "mmi.movers.movers": ("Movers",),
+        "mmi.movers.movers_file": ("read_movers", "write_movers"),
         "mmi.planning.parameters": ("BuildParameters",),
         "mmi.planning.plan": ("CellPlan", "PreparedCity", "plan_cell", "prepare_city"),
         "mmi.reading.read_city": ("CityReport", "read_city"),

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         Draw,
         Ground,
         ImageKey,
+        Moving,
         Objects,
         Plan,
         Relief,
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from viewer.runtime.loop import FrameLoop, FrameTimes
     from viewer.scene.scene import WalkScene, open_scene
     from viewer.techniques.catalogue import TECHNIQUES, make_technique
+    from viewer.techniques.virtual_frames import FrameRules
     from viewer.walks.random_views import random_views
     from viewer.walks.tour import tour
     from viewer.walks.walk import Keyframe, Pose, Walk, read_walk, write_walk
@@ -54,10 +56,12 @@ __all__ = [
     "Done",
     "Draw",
     "FrameLoop",
+    "FrameRules",
     "FrameTimes",
     "Ground",
     "ImageKey",
     "Keyframe",
+    "Moving",
     "Objects",
     "Plan",
     "Pose",
@@ -95,6 +99,7 @@ _HOMES = MappingProxyType(
             "Draw",
             "Ground",
             "ImageKey",
+            "Moving",
             "Objects",
             "Plan",
             "Relief",
@@ -110,6 +115,7 @@ _HOMES = MappingProxyType(
         "viewer.runtime.loop": ("FrameLoop", "FrameTimes"),
         "viewer.scene.scene": ("WalkScene", "open_scene"),
         "viewer.techniques.catalogue": ("TECHNIQUES", "make_technique"),
+        "viewer.techniques.virtual_frames": ("FrameRules",),
         "viewer.walks.random_views": ("random_views",),
         "viewer.walks.tour": ("tour",),
         "viewer.walks.walk": ("Keyframe", "Pose", "Walk", "read_walk", "write_walk"),

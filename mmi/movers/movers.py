@@ -152,7 +152,12 @@ class Movers:
         return np.asarray(own @ np.swapaxes(poses[:, :3, :3], 1, 2) + poses[:, None, :3, 3])
 
     def in_frame(self, *, crs: str, origin: Sequence[float]) -> Movers:
-        """The same objects in another frame of the same coordinate system. Raises ParameterError where that is another."""
+        """The same objects in another frame of the same coordinate system. Raises ParameterError where that is another.
+
+        No objects at all are at home in every frame.
+        """
+        if not self.ids:
+            return self
         if crs != self.crs:
             raise ParameterError(
                 f"{self.source}: movers in the city's coordinate system {crs} expected, found {self.crs}"

@@ -32,7 +32,7 @@ from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.disocclusion import disocclusion_mask, panorama_views
 from viewer.measuring.view_errors import ViewErrors, WrongRegions, view_errors, wrong_regions
-from viewer.plan import Plan
+from viewer.plan import Ground, Moving, Plan
 from viewer.scene.scene import WalkScene
 from viewer.walks.walk import Pose
 
@@ -199,7 +199,9 @@ class Judge:
                 continue
             if i not in known:
                 tiles = self._scene.ground_in(view)
-                draws = tuple(tiles if type(draw) is type(tiles) else draw for draw in full.draws)
+                draws = tuple(
+                    tiles if isinstance(draw, Ground) else draw for draw in full.draws if not isinstance(draw, Moving)
+                )
                 depth = self._renderer.draw(Plan(draws), view, measured=True).depth
                 assert depth is not None
                 known[i] = (view, depth)

@@ -128,6 +128,33 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
     walks.add_argument(
         "--video", nargs="?", const="mp4", choices=("mp4", "webp"), help="film the walk, techniques side by side"
     )
+    movers = parser.add_argument_group("what moves")
+    movers.add_argument(
+        "--movers",
+        type=path_option,
+        metavar="FILE",
+        help="objects that move (JSON, schemas/movers.json; citygen traffic)",
+    )
+    movers.add_argument(
+        "--movers-error",
+        type=float,
+        default=1.0,
+        metavar="PX",
+        help="pixels that images of them may be wrong by (default: %(default)g)",
+    )
+    movers.add_argument(
+        "--movers-validity",
+        choices=("predictive", "common"),
+        default="predictive",
+        help="keep an image for as many frames as are predicted, or as long as it is not wrong now (default: %(default)s)",
+    )
+    movers.add_argument(
+        "--movers-time",
+        type=float,
+        default=0.0,
+        metavar="SECONDS",
+        help="the time at which they stand in random views (default: %(default)g); on a walk they move",
+    )
     work = parser.add_argument_group("the work")
     work.add_argument(
         "--antialias",
@@ -161,10 +188,14 @@ def _compare(options: argparse.Namespace) -> None:
     if not 1.0 <= options.cache <= 1e6:
         raise ParameterError(f"--cache: 1 to 1000000 MB expected, found {options.cache:g}")
 
+    from mmi.movers.movers import NOTHING_MOVES
+    from mmi.movers.movers_file import read_movers
     from viewer.report.compare import CompareOptions, compare_views, compare_walk
+    from viewer.techniques.virtual_frames import FrameRules
     from viewer.walks.tour import tour
     from viewer.walks.walk import read_walk, write_walk
 
+    moving = NOTHING_MOVES if options.movers is None else read_movers(options.movers)
     try:
         chosen = CompareOptions(
             techniques=tuple(options.techniques),
@@ -179,10 +210,14 @@ def _compare(options: argparse.Namespace) -> None:
             flip=not options.no_flip,
             video=options.video,
             workers=usable_cores(),
+            movers=moving,
+            mover_frames=FrameRules(limit_px=options.movers_error, calculation=options.movers_validity),
+            movers_time=options.movers_time,
         )
     except ParameterError as error:
         name, colon, rest = str(error).partition(":")
         names = {"frames_per_second": "fps", "budget_ms": "budget-ms", "samples": "antialias", "keep": "worst"}
+        names |= {"limit_px": "movers-error", "movers_time": "movers-time"}
         raise ParameterError(f"--{names.get(name, name)}{colon}{rest}") from None
     path = read_walk(options.path) if options.path is not None else None
 

@@ -29,9 +29,11 @@ from viewer.report.entries import (
     by_technique,
     frame_series,
     loading_of,
+    movers_of,
     pops_of,
     report_of,
     scored_views,
+    tallies_of,
     technique_of,
     worst_views,
 )
@@ -42,6 +44,7 @@ from viewer.report.walk_scores import score_walk, spread
 from viewer.runtime.loop import Frame, FrameLoop, FrameTimes, run_walk
 from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import MAIN, REFERENCE, make_technique
+from viewer.techniques.virtual_frames import FrameTally
 from viewer.walks.random_views import random_views
 from viewer.walks.walk import Step, Walk
 
@@ -66,7 +69,7 @@ def compare_views(
     ``progress`` is called with (done, of all, what is being done). Raises ParameterError, DatasetError, CaptureError.
     """
     options, tell = options or CompareOptions(), progress or silent
-    main = _open(dataset, out)
+    main = _open(dataset, out, options)
     poses = random_views(main.whereabouts.cells, views, seed=seed, terrain=main.terrain)
     cells = [main.whereabouts.cell_at(np.array(pose.eye), current=None) for _, pose in poses]
     scenes = _scenes(main, out, cells, options, tell)
@@ -75,8 +78,9 @@ def compare_views(
     held: dict[str, list[HeldView]] = {entry.name: [] for entry in options.entries}
     costs: dict[str, Costs | None] = {entry.name: None for entry in options.entries}
     layers: list[int] = []
+    tallies: dict[str, list[FrameTally]] = {entry.name: [] for entry in options.entries}
     with (
-        Renderer(main.mesh, main.ground, size=size, samples=options.samples) as renderer,
+        Renderer(main.mesh, main.ground, size=size, samples=options.samples, movers=main.movers) as renderer,
         cell_cache(scenes, renderer, capacity=options.cache) as cache,
     ):
         device = renderer.device
@@ -85,8 +89,9 @@ def compare_views(
             view = pose.view(main.camera)
             layers.append(layers_shown(make_technique(MAIN, scenes).plan(view, now=0.0, budget=Budget())))
             for entry in options.entries:
+                technique = make_technique(entry, scenes, frames=options.mover_frames, at=options.movers_time)
                 found = hold_view(
-                    make_technique(entry, scenes),
+                    technique,
                     renderer,
                     cache,
                     view,
@@ -97,18 +102,20 @@ def compare_views(
                 )
                 held[entry.name].append(found)
                 costs[entry.name] = found.costs
+                tallies[entry.name] += tallies_of(technique)
     compared = [entry for entry in options.entries if entry.name != REFERENCE]
     with (
-        Renderer(main.mesh, main.ground, size=size, measured=True) as renderer,
+        Renderer(main.mesh, main.ground, size=size, measured=True, movers=main.movers) as renderer,
         cell_cache(scenes, renderer, measured=True, capacity=options.cache) as cache,
         Judge(main, renderer, cache, keep=options.keep, flip=options.flip, workers=options.workers) as judge,
     ):
         for done, ((_, pose), cell) in enumerate(zip(poses, cells, strict=True) if compared else ()):
             tell(done, views, "views scored")
             view = pose.view(main.camera)
-            truth = judge.truth(make_technique(REFERENCE, scenes).plan(view, now=0.0, budget=Budget()), pose, cell)
+            reference = make_technique(REFERENCE, scenes, at=options.movers_time)
+            truth = judge.truth(reference.plan(view, now=0.0, budget=Budget()), pose, cell)
             for entry in compared:
-                technique = make_technique(entry, scenes)
+                technique = make_technique(entry, scenes, frames=options.mover_frames, at=options.movers_time)
                 with held_again(technique, renderer, cache, view, held[entry.name][done]) as plan:
                     judge.score(entry.name, plan, pose, truth, cell=cell)
         tell(views, views, "views scored")
@@ -127,6 +134,7 @@ def compare_views(
             settling=settling_summary(settled[entry.name], layers, held=options.settle)
             if entry.name in settled and options.settle > 1
             else None,
+            movers=movers_of(tallies[entry.name]),
         )
         for entry in options.entries
     }
@@ -152,7 +160,7 @@ def compare_walk(
     Raises ParameterError, DatasetError, CaptureError.
     """
     options, tell = options or CompareOptions(), progress or silent
-    main = _open(dataset, out)
+    main = _open(dataset, out, options)
     if not isinstance(walk, Walk):
         walk = walk(main)
     steps = walk.frames(options.frames_per_second)
@@ -161,22 +169,28 @@ def compare_walk(
 
     runs: dict[str, list[FrameTimes]] = {}
     loads: dict[str, CacheReport] = {}
+    tallies: dict[str, list[FrameTally]] = {}
     device = ""
     frames = len(options.entries) * len(steps)
     for number, entry in enumerate(options.entries):
         with (
             Renderer(
-                main.mesh, main.ground, size=(main.camera.width, main.camera.height), samples=options.samples
+                main.mesh,
+                main.ground,
+                size=(main.camera.width, main.camera.height),
+                samples=options.samples,
+                movers=main.movers,
             ) as renderer,
             cell_cache(scenes, renderer, capacity=options.cache) as cache,
         ):
             device = renderer.device
-            technique = make_technique(entry, scenes, fade=options.fade)
+            technique = make_technique(entry, scenes, fade=options.fade, frames=options.mover_frames)
             budget = 1.0 / options.frames_per_second
             updates = 1e-3 * options.budget_ms
             loop = FrameLoop(technique, renderer, cache, camera=main.camera, budget=budget, updates=updates)
             runs[entry.name] = run_walk(steps, loop, shown=_telling(tell, number * len(steps), frames))
             loads[entry.name] = cache.report
+            tallies[entry.name] = tallies_of(technique)
     tell(frames, frames, "frames timed")
 
     found = score_walk(main, scenes, steps, runs, out, options, tell)
@@ -190,6 +204,7 @@ def compare_walk(
             target=1.0 / options.frames_per_second,
             pop=pops_of(found.pops[entry.name], sum(frame.entered for frame in runs[entry.name])),
             loading=loading_of(loads[entry.name], runs[entry.name]) if entry.layered else None,
+            movers=movers_of(tallies[entry.name]),
         )
         for entry in options.entries
     }
@@ -216,7 +231,7 @@ def compare_walk(
 # ------------------------------------------------------------------------------------------------- what is opened
 
 
-def _open(dataset: Path, out: Path) -> WalkScene:
+def _open(dataset: Path, out: Path, options: CompareOptions) -> WalkScene:
     """The scene of a dataset, with a folder for its report outside of it, where no build touches the dataset."""
     found: Dataset = open_dataset(dataset)
     here, inside = found.path.resolve(), out.resolve()
@@ -224,8 +239,9 @@ def _open(dataset: Path, out: Path) -> WalkScene:
         raise ParameterError(f"{out}: a folder outside the dataset {dataset} expected")
     if found.manifest.parameters.layering == "single":
         raise ParameterError(f"{dataset}: a dataset of several layers expected, found one built with --layering single")
+    scene = open_scene(found, name=MAIN, movers=options.movers)
     out.mkdir(parents=True, exist_ok=True)
-    return open_scene(found, name=MAIN)
+    return scene
 
 
 def _scenes(

@@ -13,21 +13,25 @@ import numpy as np
 from viewer.cells.cell_cache import CacheReport
 from viewer.measuring.judge import Judge, Scored
 from viewer.measuring.summary import ERRORS, frame_summary, summarise
-from viewer.plan import Done
+from viewer.plan import Done, Technique
 from viewer.report.options import CompareOptions
 from viewer.report.pictures import save_picture, triptych
 from viewer.runtime.loop import FrameTimes
 from viewer.scene.scene import WalkScene
 from viewer.techniques.catalogue import REFERENCE, TechniqueEntry
+from viewer.techniques.virtual_frames import FrameTally
+from viewer.techniques.with_movers import WithMovers
 
 __all__ = [
     "by_technique",
     "frame_series",
     "gpu_times",
     "loading_of",
+    "movers_of",
     "pops_of",
     "report_of",
     "scored_views",
+    "tallies_of",
     "technique_of",
     "worst_views",
 ]
@@ -75,6 +79,7 @@ def report_of(
         "held_frames": options.settle if mode == "views" else None,
         "frames_per_second": options.frames_per_second,
         "budget_ms": options.budget_ms if math.isfinite(options.budget_ms) else None,
+        "movers": _movers_told(scene, options, mode),
         "techniques": techniques,
         "ratios": {
             name: {other: rate[name] / rate[other] if other in rate else None for other in ("full", "visible", "local")}
@@ -94,6 +99,7 @@ def technique_of(
     settling: dict[str, Any] | None = None,
     pop: dict[str, Any] | None = None,
     loading: dict[str, Any] | None = None,
+    movers: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """What the report says of a technique: its ``scored`` views, None for the reference, which nothing is wrong with.
 
@@ -112,6 +118,38 @@ def technique_of(
         "late_share": float(np.mean([one > _LATE * target for one in seconds])),
         **_mean_done(done),
         "loading": loading,
+        "movers": movers,
+    }
+
+
+def _movers_told(scene: WalkScene, options: CompareOptions, mode: str) -> dict[str, Any] | None:
+    """What moved in the city, None where nothing did."""
+    if not scene.movers.ids:
+        return None
+    return {
+        "source": scene.movers.source,
+        "objects": len(scene.movers.ids),
+        "max_error_px": options.mover_frames.limit_px,
+        "calculation": options.mover_frames.calculation,
+        "time_s": options.movers_time if mode == "views" else None,
+    }
+
+
+def tallies_of(technique: Technique) -> list[FrameTally]:
+    """What a technique drew of movers, if there were any."""
+    return [technique.tally] if isinstance(technique, WithMovers) else []
+
+
+def movers_of(tallies: Sequence[FrameTally]) -> dict[str, Any] | None:
+    """Means of a frame over all ``tallies``; None where nothing moved."""
+    if not tallies:
+        return None
+    frames, geometry, captured, reused, ended, shown = (sum(one) for one in zip(*tallies, strict=True))
+    return {
+        "geometry": geometry / max(frames, 1),
+        "captured": captured / max(frames, 1),
+        "reused": reused / max(frames, 1),
+        "valid_frames": shown / ended if ended else None,
     }
 
 

@@ -9,7 +9,9 @@ from typing import Any
 
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.plug_ins import PlugIn
+from mmi.movers.movers import NOTHING_MOVES, Movers
 from viewer.techniques.catalogue import TECHNIQUES, TechniqueEntry, find_technique
+from viewer.techniques.virtual_frames import FrameRules
 
 __all__ = ["CompareOptions"]
 
@@ -26,7 +28,8 @@ class CompareOptions:
     bytes for cells in memory; ``scored`` views spread over a walk; ``keep`` worst views a technique as pictures; without
     ``flip`` that measure, by far the slowest, is left out; ``video`` is the suffix of a film of the walk; ``settle`` frames for
     which each random view is held, the last of which is scored; ``budget_ms`` milliseconds of a frame that updates may take at
-    most: infinity leaves them what the frame leaves, 0 forbids them.
+    most: infinity leaves them what the frame leaves, 0 forbids them; ``movers`` is what moves in the city, which layered
+    techniques show by the rules of ``mover_frames``; in random views it stands as it is at ``movers_time`` seconds.
     """
 
     techniques: tuple[str | Callable[..., Any] | PlugIn, ...] = tuple(TECHNIQUES)
@@ -41,6 +44,9 @@ class CompareOptions:
     workers: int = 1
     settle: int = 1
     budget_ms: float = math.inf
+    movers: Movers = NOTHING_MOVES
+    mover_frames: FrameRules = field(default_factory=FrameRules)
+    movers_time: float = 0.0
     entries: tuple[TechniqueEntry, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -55,6 +61,7 @@ class CompareOptions:
         for name, least, most in (
             ("frames_per_second", 1.0, 240.0),
             ("settle", 1, 10_000),
+            ("movers_time", -1e7, 1e7),
             ("fade", 0.0, 10.0),
             ("cache", 1_000_000, 1 << 40),
             ("scored", 1, 100_000),

@@ -22,7 +22,7 @@ from mmi.foundation.json_forms import readable_json
 from mmi.foundation.whole_files import write_whole
 from mmi.inspection.figures import counted, encoded
 from viewer.report.plots import distributions, errors_along_walk, frame_times, settling
-from viewer.report.tables import LIKENESS, LOADING, SETTLING, TIMES, WRONG, glossary, key, plain, table
+from viewer.report.tables import LIKENESS, LOADING, MOVERS, SETTLING, TIMES, WRONG, glossary, key, plain, table
 
 __all__ = ["write_report"]
 
@@ -104,7 +104,8 @@ def _page(report: Mapping[str, Any], folder: Path) -> str:
         "<h2>Speed</h2>",
         table(report, TIMES),
         table(report, LOADING),
-        glossary(report, LOADING),
+        table(report, MOVERS),
+        glossary(report, (*LOADING, *MOVERS)),
         f"<p>{_times(report) if held else ''}Times depend on the machine and on what else it does; ratios within this run do "
         "so less.</p>",
         *(["<h2>Plots</h2>", *plots] if plots else []),
@@ -135,6 +136,8 @@ def _summary(report: Mapping[str, Any]) -> str:
         )
     if (report["held_frames"] or 1) > 1:
         views += f", each of them held for {report['held_frames']:,} frames before it is scored"
+    if report["movers"] is not None:
+        views += f", among {counted(report['movers']['objects'], 'moving object')} ({report['movers']['source']})"
     if report["budget_ms"] is not None:
         views += f", with at most {plain(report['budget_ms'])} ms of a frame for updates"
     size = f"{display['width']}\N{NO-BREAK SPACE}×\N{NO-BREAK SPACE}{display['height']}"

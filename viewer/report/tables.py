@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from viewer.report.plots import technique_color
 
-__all__ = ["LIKENESS", "LOADING", "SETTLING", "TIMES", "WRONG", "Column", "glossary", "key", "plain", "table"]
+__all__ = ["LIKENESS", "LOADING", "MOVERS", "SETTLING", "TIMES", "WRONG", "Column", "glossary", "key", "plain", "table"]
 
 _How = Literal["plain", "percent", "fourth", "psnr", "promised", "megabytes", "times", "captured"]
 
@@ -83,6 +83,12 @@ LOADING = (
     Column("cells, MB", "loaded", ("loading", "bytes_loaded"), "megabytes", of_reference=True),
     Column("cells, MB", "most in memory", ("loading", "largest_cache_bytes"), "megabytes", of_reference=True),
 )
+MOVERS = (
+    Column("movers a frame, as", "geometry", ("movers", "geometry"), of_reference=True),
+    Column("movers a frame, as", "images, new", ("movers", "captured"), of_reference=True),
+    Column("movers a frame, as", "images, kept", ("movers", "reused"), of_reference=True),
+    Column("images of movers", "frames valid", ("movers", "valid_frames"), of_reference=True),
+)
 _TERMS = (
     (
         "wrong",
@@ -142,6 +148,12 @@ _TERMS = (
         "captured a frame",
         "captured",
         "What is drawn into images at run time, to be shown in later frames as well. Triangles and draws have it as well.",
+    ),
+    (
+        "movers a frame, as",
+        "movers",
+        "Objects that move and are within the view, hidden ones as well: means over frames. The image of one is captured, "
+        "moves with it, and is kept for as many frames as it is valid.",
     ),
 )
 """The group of columns, the term, and what it means."""

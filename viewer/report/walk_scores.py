@@ -71,7 +71,10 @@ def score_walk(
     popping = {name: {i for entry in some for i in range(entry, entry + after)} for name, some in entered.items()}
     around = {i + step for some in popping.values() for i in some for step in (-1, 0)} if options.flip else set()
     largest: dict[tuple[str, int], float] = {}
-    walkers = {entry.name: make_technique(entry, scenes, fade=options.fade) for entry in options.entries}
+    walkers = {
+        entry.name: make_technique(entry, scenes, fade=options.fade, frames=options.mover_frames)
+        for entry in options.entries
+    }
     walkers[REFERENCE] = make_technique(REFERENCE, scenes)
     names = [REFERENCE, *compared]
     film = _Film(out, names, options)
@@ -79,7 +82,9 @@ def score_walk(
     untimed = Budget(1.0 / options.frames_per_second)
     size = (main.camera.width, main.camera.height)
     with (
-        Renderer(main.mesh, main.ground, size=size, measured=True, samples=options.samples) as renderer,
+        Renderer(
+            main.mesh, main.ground, size=size, measured=True, samples=options.samples, movers=main.movers
+        ) as renderer,
         cell_cache(scenes, renderer, measured=True, capacity=options.cache) as cache,
         Judge(main, renderer, cache, keep=options.keep, flip=options.flip, workers=options.workers) as judge,
         film as add,

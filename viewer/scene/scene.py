@@ -19,6 +19,7 @@ from mmi.dataset.city_files import read_city_mesh
 from mmi.dataset.reading import Dataset
 from mmi.foundation.camera import Camera, View
 from mmi.foundation.errors import DatasetError
+from mmi.movers.movers import NOTHING_MOVES, Movers
 from mmi.planning.parameters import BuildParameters
 from viewer.plan import Ground
 from viewer.scene.frustum import box_corners, window_corners, within_view
@@ -54,6 +55,7 @@ class WalkScene:
     """What techniques know of a dataset. ``name`` stands for it in plans; ``objects`` maps ids to places in ``mesh``.
 
     ``boxes`` (n, 2, 3) are the lowest and the highest coordinates of the mesh's objects, NaN for one without triangles.
+    ``movers`` are what moves in the city, in its frame.
     """
 
     name: str
@@ -67,6 +69,7 @@ class WalkScene:
     boxes: NDArray[np.float64]
     whereabouts: Whereabouts
     objects: Mapping[str, int]
+    movers: Movers = NOTHING_MOVES
 
     @property
     def camera(self) -> Camera:
@@ -114,10 +117,13 @@ class WalkScene:
             ) from error
 
 
-def open_scene(dataset: Dataset, *, name: str, like: WalkScene | None = None) -> WalkScene:
-    """Open a dataset for walking; ``like`` is one of the same city whose geometry is there already.
+def open_scene(
+    dataset: Dataset, *, name: str, like: WalkScene | None = None, movers: Movers = NOTHING_MOVES
+) -> WalkScene:
+    """Open a dataset for walking; ``like`` is one of the same city whose geometry is there already, and whose movers.
 
-    Raises DatasetError where the dataset has no cells, a file is missing or damaged, or ``like`` shows another city.
+    ``movers`` are put into the frame of the city. Raises DatasetError where the dataset has no cells, a file is missing or
+    damaged, or ``like`` shows another city; ParameterError where the movers are in another coordinate system.
     """
     manifest = dataset.manifest
     if not manifest.cells:
@@ -143,4 +149,5 @@ def open_scene(dataset: Dataset, *, name: str, like: WalkScene | None = None) ->
         boxes=object_boxes(mesh) if like is None else like.boxes,
         whereabouts=Whereabouts(cells, {entry.id: entry.neighbours for entry in manifest.cells}),
         objects=objects,
+        movers=like.movers if like is not None else movers.in_frame(crs=manifest.city.crs, origin=manifest.city.origin),
     )

@@ -24,6 +24,8 @@ from viewer.scene.scene import WalkScene
 from viewer.techniques.dynamic import DynamicImpostors
 from viewer.techniques.geometry import CellGeometry, FullGeometry
 from viewer.techniques.layered import LayeredImpostors
+from viewer.techniques.virtual_frames import FrameRules
+from viewer.techniques.with_movers import WithMovers
 
 __all__ = ["MAIN", "REFERENCE", "TECHNIQUES", "TechniqueEntry", "find_technique", "make_technique"]
 
@@ -125,11 +127,21 @@ class _OwnTechnique:
 
 
 def make_technique(
-    of: str | Callable[..., Any] | PlugIn | TechniqueEntry, scenes: Mapping[str, WalkScene], *, fade: float = 0.0
+    of: str | Callable[..., Any] | PlugIn | TechniqueEntry,
+    scenes: Mapping[str, WalkScene],
+    *,
+    fade: float = 0.0,
+    frames: FrameRules | None = None,
+    at: float | None = None,
 ) -> Technique:
     """A fresh technique, which knows of no viewer yet. ``scenes``: ``multi-mesh``, and ``single-mesh`` where that is asked for.
 
-    Raises ParameterError for what :func:`find_technique` refuses.
+    It also draws what moves in its scene, as it is ``at`` a time (seconds; None: as time goes by). Layered techniques do so by
+    the rules of ``frames``, all others as geometry. Raises ParameterError for what :func:`find_technique` refuses.
     """
     entry = find_technique(of)
-    return entry.make(scenes[entry.scene], fade)
+    scene = scenes[entry.scene]
+    made = entry.make(scene, fade)
+    if not scene.movers.ids:
+        return made
+    return WithMovers(made, scene.movers, scene.camera, rules=frames if entry.layered else None, at=at)

@@ -8,8 +8,10 @@ import subprocess
 import sys
 
 import pytest
+from moving import movers_of
 
 from mmi.dataset.reading import open_dataset
+from mmi.movers.movers_file import write_movers
 from viewer.programs import compare_impostors as program
 from viewer.programs.compare_impostors import _MORE, _TECHNIQUES, compare_impostors
 from viewer.techniques.catalogue import TECHNIQUES
@@ -53,6 +55,18 @@ def test_views_are_held_and_it_is_said_when_they_had_settled(capsys, dataset, tm
 
 
 @pytest.mark.usefixtures("one_process")
+@pytest.mark.usefixtures("one_process")
+def test_movers_come_from_a_file(capsys, dataset, tmp_path):
+    write_movers(movers_of([[(0.0, 80, 2, 0, 0)]], crs="EPSG:32631"), tmp_path / "one.json")
+    arguments = ("--views", "2", "--techniques", "multi-mesh", "--no-flip", "--json", "--movers", tmp_path / "one.json")
+    status, out, _ = run(
+        capsys, dataset.path, "-o", tmp_path / "r", *arguments, "--movers-error", "2", "--movers-time", "3"
+    )
+    assert status == 0
+    found = {"source": "one.json", "objects": 1, "max_error_px": 2.0, "calculation": "predictive", "time_s": 3.0}
+    assert json.loads(out)["movers"] == found
+
+
 def test_json_is_all_there_is_on_standard_output(capsys, dataset, tmp_path):
     status, out, _ = run(capsys, dataset.path, "-o", tmp_path, "--views", 1, "--json", *QUICK)
     assert status == 0
@@ -130,6 +144,10 @@ def test_a_tour_is_saved_and_walked_again(capsys, dataset, tmp_path):
         (["--worst", "-1"], "--worst"),
         (["--path", "missing.json"], "missing.json"),
         (["--seed", "-1", "--views", "1"], "seed"),
+        (["--movers", "missing.json"], "missing.json: a traffic file's JSON file expected"),
+        (["--movers-error", "0"], "--movers-error: 0.01 to 100 expected"),
+        (["--movers-validity", "guess"], "--movers-validity"),
+        (["--movers-time", "nan"], "--movers-time"),
     ],
 )
 def test_a_wrong_option_gets_one_line(capsys, dataset, tmp_path, arguments, said):

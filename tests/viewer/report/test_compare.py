@@ -8,6 +8,7 @@ import jsonschema
 import numpy as np
 import pytest
 from cities import crossroads
+from moving import block, movers_of
 from PIL import Image
 
 import viewer
@@ -17,6 +18,7 @@ from viewer.drawing.opengl import is_software
 from viewer.measuring.summary import ERRORS
 from viewer.report.compare import CompareOptions, compare_views, compare_walk
 from viewer.techniques.catalogue import TECHNIQUES
+from viewer.techniques.virtual_frames import FrameRules
 from viewer.walks.walk import Keyframe, Pose, Walk
 
 SCHEMA = json.loads((Path(viewer.__file__).parent / "report" / "schemas" / "report.json").read_text())
@@ -149,6 +151,51 @@ def test_a_walk_is_told_frame_by_frame(walked):
     assert {what for *_, what in told} >= {"frames timed", "frames scored", "cells of single-mesh"}
     timed = [done for done, _, what in told if what == "frames timed"]
     assert timed == [*range(len(TECHNIQUES) * frames), len(TECHNIQUES) * frames]
+
+
+def test_what_moves_is_compared_in_every_technique(dataset, tmp_path):
+    tracks = [[(0.0, 120, -3, 0, 180), (9.0, 30, -3, 0, 180)], [(0.0, 80, 2, 0, 0)], [(0.0, 40, 75, 0, 0)]]
+    movers = movers_of(tracks, crs="EPSG:32631", mesh=block(high=(2.0, 1.0, 2.5)))
+    rules = FrameRules(thrifty=False)
+    options = CompareOptions(
+        techniques=("full", "local", "multi-mesh"),
+        frames_per_second=5.0,
+        scored=3,
+        flip=False,
+        movers=movers,
+        mover_frames=rules,
+        video="webp",
+    )
+    report = compare_walk(dataset.path, tmp_path / "walk", WALK, options=options)
+    jsonschema.validate(report, SCHEMA)
+    assert report["movers"] == {
+        "source": "movers",
+        "objects": 3,
+        "max_error_px": 1.0,
+        "calculation": "predictive",
+        "time_s": None,
+    }
+    found = {name: one["movers"] for name, one in report["techniques"].items()}
+    for name in ("full", "local"):
+        assert found[name]["geometry"] > 1.0
+        assert found[name]["captured"] == found[name]["reused"] == 0.0
+        assert found[name]["valid_frames"] is None
+    sums = [sum(found[name][key] for key in ("geometry", "captured", "reused")) for name in found]
+    assert sums == pytest.approx([sums[0]] * 3)
+    assert found["multi-mesh"]["reused"] > 0.2
+    assert report["techniques"]["multi-mesh"]["wrong_thickness_px"]["max"] < 7.0
+    views = replace(options, video=None, settle=3, movers_time=4.0)
+    report = compare_views(dataset.path, tmp_path / "views", views=3, seed=2, options=views)
+    jsonschema.validate(report, SCHEMA)
+    assert report["movers"]["time_s"] == 4.0
+    assert report["techniques"]["multi-mesh"]["settling"]["unsettled"] == 0
+
+
+def test_movers_of_another_coordinate_system_are_refused(dataset, tmp_path):
+    options = CompareOptions(movers=movers_of([[(0.0, 0, 0, 0, 0)]], crs="EPSG:3879"))
+    with pytest.raises(ParameterError, match="coordinate system EPSG:32631 expected, found EPSG:3879"):
+        compare_views(dataset.path, tmp_path / "out", views=1, options=options)
+    assert not (tmp_path / "out").exists()
 
 
 def test_what_loading_took_is_told(walked):

@@ -73,6 +73,7 @@ def technique(name, views, frames, walked):
         }
         if walked and layered
         else None,
+        "movers": None,
     }
 
 
@@ -139,6 +140,7 @@ def report_of(walked, *, names=tuple(NATURE), seconds=40.0, title="helsinki"):
         "held_frames": None if walked else 1,
         "frames_per_second": 25.0,
         "budget_ms": None,
+        "movers": None,
         "walk": {**walk, "legs": 1} if walked else None,
         "techniques": techniques,
         "ratios": {
@@ -365,6 +367,30 @@ def test_views_that_were_held_have_a_table_and_a_diagram_of_when_they_settled(tm
     assert "Each view was held for 16 frames, and the times of all of them count" in page.text
     assert "The share of views that had settled after so many frames" in page.text
     assert "The share of views that had settled" not in page_of(report_of(False), tmp_path).text
+
+
+def test_what_moved_has_a_table_and_is_said(tmp_path):
+    report = report_of(True)
+    report["movers"] = {
+        "source": "cars & vans.json",
+        "objects": 300,
+        "max_error_px": 1.0,
+        "calculation": "predictive",
+        "time_s": None,
+    }
+    for name, entry in report["techniques"].items():
+        some = {"geometry": 2.5, "captured": 3.25, "reused": 120.0, "valid_frames": 20.5}
+        none = {"geometry": 125.75, "captured": 0.0, "reused": 0.0, "valid_frames": None}
+        entry["movers"] = some if "mesh" in name else none
+    assert list(VALIDATOR.iter_errors(report)) == []
+    page = page_of(report, tmp_path)
+    assert "among 300 moving objects (cars & vans.json)" in page.text
+    assert [one for one in page.rows if one[0] == "multi-mesh"][-1][1:] == ["2.5", "3.25", "120", "20.5"]
+    assert [one for one in page.rows if one[0] == "full"][-1][1:] == ["126", "0", "0", "–"]
+    assert "The image of one is captured, moves with it" in page.text
+    still = page_of(report_of(True), tmp_path)
+    assert "moving objects" not in still.text
+    assert "The image of one is captured" not in still.text
 
 
 def test_the_diagram_of_settling_counts_views_that_have_not_settled_as_never_settling():
