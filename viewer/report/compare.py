@@ -23,7 +23,7 @@ from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.judge import Judge
 from viewer.measuring.summary import settling_summary
-from viewer.plan import Budget, Costs
+from viewer.plan import Budget
 from viewer.report.baseline import single_mesh_scene
 from viewer.report.entries import (
     by_technique,
@@ -41,6 +41,7 @@ from viewer.report.held_views import HeldView, held_again, hold_view, layers_sho
 from viewer.report.options import CompareOptions
 from viewer.report.page import write_report
 from viewer.report.walk_scores import score_walk, spread
+from viewer.runtime.calibration import calibrated
 from viewer.runtime.loop import Frame, FrameLoop, FrameTimes, run_walk
 from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import MAIN, REFERENCE, make_technique
@@ -76,7 +77,6 @@ def compare_views(
     size = (main.camera.width, main.camera.height)
     # Timed first, in peace: comparing takes all processors.
     held: dict[str, list[HeldView]] = {entry.name: [] for entry in options.entries}
-    costs: dict[str, Costs | None] = {entry.name: None for entry in options.entries}
     layers: list[int] = []
     tallies: dict[str, list[FrameTally]] = {entry.name: [] for entry in options.entries}
     with (
@@ -84,6 +84,7 @@ def compare_views(
         cell_cache(scenes, renderer, capacity=options.cache) as cache,
     ):
         device = renderer.device
+        costs = dict.fromkeys(held, calibrated(renderer, main))  # all techniques believe the same at first
         for done, (_, pose) in enumerate(poses):
             tell(done, views, "views timed")
             view = pose.view(main.camera)
@@ -170,24 +171,26 @@ def compare_walk(
     runs: dict[str, list[FrameTimes]] = {}
     loads: dict[str, CacheReport] = {}
     tallies: dict[str, list[FrameTally]] = {}
-    device = ""
+    size = (main.camera.width, main.camera.height)
+    with Renderer(main.mesh, main.ground, size=size, samples=options.samples, movers=main.movers) as renderer:
+        device = renderer.device
+        costs = calibrated(renderer, main)  # of its own, so that none of the techniques finds its renderer warm
     frames = len(options.entries) * len(steps)
     for number, entry in enumerate(options.entries):
         with (
-            Renderer(
-                main.mesh,
-                main.ground,
-                size=(main.camera.width, main.camera.height),
-                samples=options.samples,
-                movers=main.movers,
-            ) as renderer,
+            Renderer(main.mesh, main.ground, size=size, samples=options.samples, movers=main.movers) as renderer,
             cell_cache(scenes, renderer, capacity=options.cache) as cache,
         ):
-            device = renderer.device
             technique = make_technique(entry, scenes, fade=options.fade, frames=options.mover_frames)
-            budget = 1.0 / options.frames_per_second
-            updates = 1e-3 * options.budget_ms
-            loop = FrameLoop(technique, renderer, cache, camera=main.camera, budget=budget, updates=updates)
+            loop = FrameLoop(
+                technique,
+                renderer,
+                cache,
+                camera=main.camera,
+                budget=1.0 / options.frames_per_second,
+                updates=1e-3 * options.budget_ms,
+                costs=costs,
+            )
             runs[entry.name] = run_walk(steps, loop, shown=_telling(tell, number * len(steps), frames))
             loads[entry.name] = cache.report
             tallies[entry.name] = tallies_of(technique)

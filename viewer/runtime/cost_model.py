@@ -37,6 +37,10 @@ _FARTHEST = 2.0
 """A cost moves at most this many times as far as the prediction is to move, as a logarithm."""
 _LEAST = 1e-3
 """Costs are at least this share of the default ones: a cost of nothing could never grow."""
+_PRIOR = 0.05
+"""Weight of what is expected of a cost before anything was drawn, next to the weight of 1 that an example has."""
+_FLOOR = 0.05
+"""Costs that are fitted are at least this share of what is expected of them."""
 _SHORTEST = 1e-6
 """Seconds; nothing real draws in less."""
 
@@ -60,17 +64,21 @@ class CostModel:
 def fitted(frames: Sequence[Work], requests: Sequence[Work]) -> Costs:
     """The costs that best explain what ``frames`` took, requests aside, and ``requests``: least squares of relative errors.
 
-    None is below a small share of the default costs. What there is no example of has its default cost.
+    What the examples do not tell apart, or do not have, costs what it does by default on a machine that is as fast as they say:
+    costs are drawn there with a weight of ``_PRIOR``. None is below ``_FLOOR`` of that.
     """
     works = [(work, 1) for work in frames] + [(work, 0) for work in requests]
     works = [(work, number) for work, number in works if work.seconds > _SHORTEST]
     if not works:
         return Costs()
-    counts = np.array([_counted(work, frames=number) for work, number in works])
+    counts = np.array([_counted(work, frames=number) for work, number in works], dtype=np.float64)
     seconds = np.array([work.seconds for work, _ in works])
     default = np.array(Costs())
-    found, _ = nnls(counts * default / seconds[:, None], np.ones(len(works)))
-    return Costs(*(np.where(counts.any(axis=0), np.maximum(found, _LEAST), 1.0) * default).tolist())
+    expected = counts @ default
+    default *= np.exp(np.median(np.log(seconds[expected > 0.0] / expected[expected > 0.0]))) if expected.any() else 1.0
+    shares = np.vstack([counts * default / seconds[:, None], _PRIOR * np.eye(len(default))])
+    found, _ = nnls(shares, np.concatenate([np.ones(len(works)), np.full(len(default), _PRIOR)]))
+    return Costs(*(np.maximum(found, _FLOOR) * default).tolist())
 
 
 def _counted(work: Work, *, frames: int) -> tuple[int, ...]:

@@ -45,12 +45,13 @@ def moody(scene):
 
 @pytest.fixture
 def executed(monkeypatch):
-    """What renderers capture: (whether they measure, request)."""
+    """What renderers capture for the technique: (whether they measure, request)."""
     found = []
     capture = Renderer._capture
 
     def remembered(self, request):
-        found.append((self.measured, request))
+        if request.into.image.owner == "moody":
+            found.append((self.measured, request))
         return capture(self, request)
 
     monkeypatch.setattr(Renderer, "_capture", remembered)

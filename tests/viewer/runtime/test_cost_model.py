@@ -152,26 +152,43 @@ def test_the_making_of_plans_is_a_part_of_what_a_frame_costs():
     assert predicted(model.costs, done)[1] == pytest.approx(9e-3 + 4e-5, rel=0.01)
 
 
-def test_exact_examples_are_fitted_exactly():
-    machine = Machine(noise=0.0)
-    examples = [machine.frame()[0] for _ in range(20)]
-    found = fitted([one.draws for one in examples], [one.requests for one in examples])
-    np.testing.assert_allclose(found, TRUE, rtol=1e-6)
+def examples(machine, count):
+    found = [machine.frame()[0] for _ in range(count)]
+    return [one.draws for one in found], [one.requests for one in found]
+
+
+def assert_predicts(costs, machine, *, within):
+    for _ in range(100):
+        done, true = machine.frame()
+        for one, two in zip(predicted(costs, done), true, strict=True):
+            assert one == pytest.approx(two, rel=within)
+
+
+@pytest.mark.parametrize("machine", [TRUE, off(30.0), off(1 / 30), Costs(1e-3, 3e-4, 1e-8, 1e-3, 1e-9, 9e-8)])
+def test_exact_examples_are_predicted_nearly_exactly(machine):
+    exact = Machine(machine, noise=0.0)
+    found = fitted(*examples(exact, 20))
+    assert_predicts(found, exact, within=0.1)
+    np.testing.assert_allclose(found, machine, rtol=0.35)
 
 
 def test_noisy_examples_are_fitted_nearly():
-    machine = Machine(noise=0.1)
-    examples = [machine.frame()[0] for _ in range(60)]
-    found = fitted([one.draws for one in examples], [one.requests for one in examples])
-    for _ in range(100):
-        done, true = machine.frame()
-        for one, two in zip(predicted(found, done), true, strict=True):
-            assert one == pytest.approx(two, rel=0.25)
+    found = fitted(*examples(Machine(noise=0.1), 60))
+    assert_predicts(found, Machine(noise=0.1, seed=1), within=0.25)
 
 
-def test_what_there_is_no_example_of_has_its_default_cost():
-    machine = Machine(noise=0.0)
-    found = fitted([machine.frame()[0].draws for _ in range(20)], [])
-    assert found[:3] == pytest.approx(TRUE[:3])
-    assert (found.request, found.pixel) == (Costs().request, Costs().pixel)
+def test_what_there_is_no_example_of_costs_what_it_does_by_default_where_all_costs_as_much_more():
+    slow = Machine(Costs(*(3.0 * cost for cost in Costs())), noise=0.0)
+    found = fitted(examples(slow, 20)[0], [])
+    np.testing.assert_allclose(found, slow.costs, rtol=1e-6)
     assert fitted([], []) == Costs()
+
+
+def test_what_examples_do_not_tell_apart_has_a_share_of_the_cost_each():
+    """Frames that are all the same, and captures that are: nothing of it costs nothing."""
+    done = Done(Work(0.0, 3000, 2, 90_000, 2), Work(0.0, 20_000, 6, relief=100_000))
+    requests, draws = predicted(TRUE, done)
+    found = fitted([done.draws._replace(seconds=draws)] * 5, [done.requests._replace(seconds=requests)] * 5)
+    for one, two in zip(predicted(found, done), (requests, draws), strict=True):
+        assert one == pytest.approx(two, rel=0.01)
+    assert all(0.3 < cost / true < 3.0 for cost, true in zip(found, TRUE, strict=True))
