@@ -77,7 +77,10 @@ class Ground:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Objects:
-    """Geometry of some of the city's objects. ``key`` names the set: the same key means the same ``objects`` (n,) indices."""
+    """Geometry of some of the city's objects. ``key`` names the set: the same key means the same ``objects`` (n,) indices.
+
+    An empty key names none: such a set is drawn once, and what drawing needs of it is not kept.
+    """
 
     key: str
     objects: NDArray[np.int64]
@@ -292,7 +295,7 @@ def _told_draws(draws: Iterable[Draw]) -> list[object]:
 def _told_draw(draw: Draw) -> object:
     match draw:
         case Objects():
-            return "objects", draw.key
+            return "objects", draw.key or draw.objects.tobytes()
         case Relief():
             parts = [
                 (_told_view(one.view), one.corner, one.filling, _told_array(one.moved), _told_array(one.spans))

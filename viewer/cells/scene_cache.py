@@ -38,4 +38,7 @@ def foretold_bytes(dataset: Dataset, cell: str, *, measured: bool) -> int:
     entry = dataset.cell(cell)
     sizes = [(one.window[2] + 2 * BORDER, one.window[3] + 2 * BORDER) for _, one in entry.pictures]
     vertices = ceil(_VERTICES_PER_TRIANGLE * entry.triangles)
-    return cell_bytes(shelves(sizes)[1], vertices=vertices, triangles=entry.triangles, measured=measured)
+    captured = dataset.manifest.parameters.pictures == "none"
+    return cell_bytes(
+        shelves(sizes)[1], vertices=vertices, triangles=entry.triangles, measured=measured, captured=captured
+    )

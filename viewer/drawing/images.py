@@ -56,6 +56,7 @@ class Images:
         self._context = context
         self._images: dict[ImageKey, tuple[tuple[int, int], Image]] = {}
         self._spare: list[Image] = []
+        self._begun: dict[ImageKey, tuple[tuple[int, int], list[Any]]] = {}  # the size, and parts of a room
 
     def __getitem__(self, key: ImageKey) -> Image:
         """Raises KeyError for an image that nothing was captured into."""
@@ -63,11 +64,38 @@ class Images:
 
     def drop(self, key: ImageKey) -> None:
         """Forget an image; nothing where there is none."""
+        for part in self._begun.pop(key, ((0, 0), ()))[1]:
+            part.release()
         if key not in self._images:
             return
         self._spare.append(self._images.pop(key)[1])
         while sum(one.room[0] * one.room[1] for one in self._spare) > _SPARE:
             self._spare.pop(0).release()
+
+    def reserve(self, key: ImageKey, size: tuple[int, int]) -> bool:
+        """Make room for an image of ``size`` (width, height) that holds nothing, where there is none of that size.
+
+        True if it is there now; a call makes a part of it, since all of it takes as long as drawing a large picture. Raises
+        CaptureError where OpenGL has no images so large.
+        """
+        if key in self._images and self._images[key][0] == size:
+            return True
+        if key not in self._begun or self._begun[key][0] != size:
+            self.drop(key)
+        room = (-(-size[0] // _STEP) * _STEP, -(-size[1] // _STEP) * _STEP)
+        image = next((one for one in self._spare if one.room == room), None)
+        if image is not None:
+            self._spare.remove(image)
+        else:
+            parts = self._begun.setdefault(key, (size, []))[1]
+            image = self._room(room, parts)
+            if image is None:
+                return False
+            parts.clear()
+        self.drop(key)
+        self._images[key] = (size, image)
+        self._clear(image, (0, 0, *size))
+        return True
 
     def begin(self, into: Slot, size: tuple[int, int], *, clear: bool) -> None:
         """Let what is drawn next go into a place of ``size``, on what is there or, with ``clear``, on nothing.
@@ -77,11 +105,8 @@ class Images:
         (x, y), (width, height) = into.corner, into.size
         if not (0 <= x <= width - size[0] and 0 <= y <= height - size[1]):
             raise ValueError(f"{into.image}: a place within {into.size} expected, found {size} at {into.corner}")
-        known = self._images.get(into.image)
-        if known is None or known[0] != into.size:
-            self.drop(into.image)
-            self._images[into.image] = (into.size, self._room(into.size))
-            self._clear(self[into.image], (0, 0, *into.size))
+        while not self.reserve(into.image, into.size):
+            pass
         image = self[into.image]
         if clear:
             self._clear(image, (x, y, *size))
@@ -105,23 +130,27 @@ class Images:
         color, ids, depth = found
         return CapturedPixels(color, depth[..., 0], ids[..., 0])
 
-    def _room(self, size: tuple[int, int]) -> Image:
-        """A room that is large enough, of those that are free if there is one that is hardly larger."""
-        room = (-(-size[0] // _STEP) * _STEP, -(-size[1] // _STEP) * _STEP)
-        for i, one in enumerate(self._spare):
-            if one.room == room:
-                return self._spare.pop(i)
+    def _room(self, room: tuple[int, int], parts: list[Any]) -> Image | None:
+        """A new room, or None while ``parts`` are not all of it: one is added in each call."""
         limit = self._context.info["GL_MAX_TEXTURE_SIZE"]
         if max(room) > limit:
-            raise CaptureError(f"OpenGL here has textures of at most {limit} texels a side, and an image needs {size}")
-        color = self._context.texture(room, 4)
-        depth = self._context.texture(room, 1, dtype="f4")
-        ids = self._context.texture(room, 1, dtype="i4")
-        for texture, smoothing in ((color, moderngl.LINEAR), (depth, moderngl.NEAREST), (ids, moderngl.NEAREST)):
+            raise CaptureError(f"OpenGL here has textures of at most {limit} texels a side, and an image needs {room}")
+        kinds = ((4, "f1", moderngl.LINEAR), (1, "f4", moderngl.NEAREST), (1, "i4", moderngl.NEAREST))
+        if len(parts) < len(kinds):
+            components, dtype, smoothing = kinds[len(parts)]
+            texture = self._context.texture(room, components, dtype=dtype)
             texture.filter = (smoothing, smoothing)
             texture.repeat_x = texture.repeat_y = False
-        target = self._context.framebuffer([color, ids, depth], self._context.depth_renderbuffer(room))
-        return Image(room, color, depth, ids, target)
+            parts.append(texture)
+            return None
+        color, depth, ids = parts
+        return Image(
+            room,
+            color,
+            depth,
+            ids,
+            self._context.framebuffer([color, ids, depth], self._context.depth_renderbuffer(room)),
+        )
 
     def _clear(self, image: Image, place: tuple[int, int, int, int]) -> None:
         image.target.clear(0.0, 0.0, 0.0, 0.0, viewport=place)

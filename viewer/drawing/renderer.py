@@ -108,7 +108,7 @@ class Renderer:
         self._sky = SkyDrawer(self._programs)
         self._ground = GroundDrawer(context, meshes, ground)
         self._objects = ObjectsDrawer(context, meshes, mesh)
-        self._layers = LayersDrawer(self._programs, measured=measured)
+        self._layers = LayersDrawer(self._programs, self._images, measured=measured)
         self._reliefs = ReliefsDrawer(self._programs, self._images)
         self._moving = MovingDrawer(
             self._programs, NOTHING_MOVES if movers is None else movers, first=len(mesh.triangle_counts)
@@ -137,10 +137,17 @@ class Renderer:
     def upload_layer(self, cell: LoadedCell, layer: LoadedLayer) -> bool:
         """Bring one of a cell's layers to the GPU; draws refer to it by the cell's key and its name. True if it is there now.
 
-        The first calls for a cell only make room, a part of it each, because that takes as long as many layers do.
+        A picture that the dataset does not hold is captured here. The first calls for a cell only make room, a part of it each,
+        because that takes as long as many layers do.
         """
         with self._context:
-            return self._layers.upload_layer(cell, layer)
+            if not self._layers.upload_layer(cell, layer):
+                return False
+            if isinstance(layer.picture, Request):
+                self._capture(layer.picture)
+                with turns_after(_SWITCH_INTERVAL):
+                    self._finish()  # so that who asked knows what it took
+            return True
 
     def evict(self, cell: CellKey) -> None:
         """Free a cell's layers; nothing where they are not there."""

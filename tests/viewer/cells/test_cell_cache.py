@@ -6,7 +6,7 @@ import pytest
 
 from mmi.foundation.errors import DatasetError
 from viewer.cells.cell_cache import CellCache
-from viewer.cells.loaded_cell import LoadedCell, LoadedLayer
+from viewer.cells.loaded_cell import LoadedCell, LoadedLayer, StoredPicture
 from viewer.plan import CellKey
 
 SIZE = 4 * 4 * 4 + 4 * 4 * 4  # a picture of 4 x 4 texels, and its depths
@@ -22,9 +22,7 @@ def cell(where):
         LoadedLayer(
             f"s0.l{i}",
             (0, 0),
-            np.zeros((4, 4, 4), np.uint8),
-            np.ones((4, 4), np.float32),
-            None,
+            StoredPicture(np.zeros((4, 4, 4), np.uint8), np.ones((4, 4), np.float32), None),
             np.zeros((0, 6), np.float32),
             np.zeros((0, 3), np.int32),
             0,

@@ -16,10 +16,10 @@ def test_a_loaded_cell_is_what_was_captured(scene, dataset):
     far = {scene.objects[one] for one in entry.far}
     for layer, described in zip(loaded.layers, [one for some in entry.layers for one in some], strict=True):
         inner = np.s_[BORDER:-BORDER, BORDER:-BORDER]
-        covered = layer.pixels[inner][..., 3] == 255
-        depth = layer.depth[inner]
-        assert np.array_equal(layer.object_ids[inner] >= 0, covered)
-        assert set(np.unique(layer.object_ids)) - {-1} <= far
+        covered = layer.picture.pixels[inner][..., 3] == 255
+        depth = layer.picture.depth[inner]
+        assert np.array_equal(layer.picture.object_ids[inner] >= 0, covered)
+        assert set(np.unique(layer.picture.object_ids)) - {-1} <= far
         assert np.isfinite(depth[covered]).all()
         assert len(layer.triangles) == described.triangles
         beyond = np.isfinite(depth) & ~covered
@@ -34,9 +34,9 @@ def test_a_loaded_cell_is_what_was_captured(scene, dataset):
         at = layer.vertices[:, 3:5] / layer.vertices[:, 5:] * loaded.size
         np.testing.assert_allclose(at[:, 0], u - described.window[0] + layer.corner[0] + BORDER, atol=0.01)
         np.testing.assert_allclose(at[:, 1], v - described.window[1] + layer.corner[1] + BORDER, atol=0.01)
-    assert loaded.bytes > sum(layer.pixels.nbytes + layer.depth.nbytes for layer in loaded.layers)
+    assert loaded.bytes > sum(layer.picture.pixels.nbytes + layer.picture.depth.nbytes for layer in loaded.layers)
     plain = load_cell(scene, "0001-01")
-    assert all(layer.object_ids is None for layer in plain.layers)
+    assert all(layer.picture.object_ids is None for layer in plain.layers)
     assert plain.bytes < loaded.bytes
 
 
@@ -47,7 +47,8 @@ def test_bytes_are_those_of_the_arrays_and_foretold_from_the_manifest(scene, dat
         loaded = load_cell(scene, entry.id, measured=measured)
         assert loaded.layers
         pictures = [
-            [one for one in (layer.pixels, layer.depth, layer.object_ids) if one is not None] for layer in loaded.layers
+            [one for one in (layer.picture.pixels, layer.picture.depth, layer.picture.object_ids) if one is not None]
+            for layer in loaded.layers
         ]
         texel = {sum(one.nbytes for one in some) / some[1].size for some in pictures}
         assert len(texel) == 1

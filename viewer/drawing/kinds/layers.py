@@ -3,6 +3,11 @@
 All layers of a cell that a view may show are two draws: triangles as they are, and those that need captured depths
 (``mmi.meshing.ordering``). For the latter (``CAPTURED_DEPTH``) each fragment takes the depth of the surface point that its
 texel captured, as this view sees it.
+
+Pictures that the dataset does not hold are in an image that requests captured into (``CAPTURED``): premultiplied, with nothing
+beyond silhouettes. They also show what nobody in the cell can see (``mmi.capture.unseen``), which the mesh does not follow, so
+that all their triangles need captured depths. They have no rims (``mmi.capture.rims``). Instead their coverage reaches a
+quarter of a texel farther: that closes most of the gaps, and more would show around every silhouette.
 """
 
 from __future__ import annotations
@@ -17,10 +22,11 @@ from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 from mmi.foundation.errors import CaptureError
-from viewer.cells.loaded_cell import LoadedCell, LoadedLayer
+from viewer.cells.loaded_cell import LoadedCell, LoadedLayer, StoredPicture, cell_image
+from viewer.drawing.images import Images
 from viewer.drawing.kinds.meshes import Triangles
 from viewer.drawing.programs import Programs
-from viewer.plan import CellKey, CellLayers
+from viewer.plan import CellKey, CellLayers, ImageKey
 
 __all__ = ["LayersDrawer"]
 
@@ -32,6 +38,9 @@ _VERTEX = """
 in vec3 position;
 in vec3 texture_from_capture;  // texture coordinates times depth in the capture, and that: linear in space, so projective
 uniform vec3 captured_from;
+#ifdef CAPTURED
+uniform vec2 share;            // of the image's room that its pictures take
+#endif
 out vec3 at;
 #if defined(MEASURED) || defined(CAPTURED_DEPTH)
 out float depth;
@@ -42,6 +51,9 @@ out vec3 world;                // relative to the capture's eye
 void main() {
     vec3 p = eye_from_world * (position - eye);
     at = texture_from_capture;
+#ifdef CAPTURED
+    at.xy *= share;
+#endif
 #if defined(MEASURED) || defined(CAPTURED_DEPTH)
     depth = -p.z;
 #endif
@@ -64,22 +76,47 @@ in vec3 world;
 uniform isampler2D ids;
 uniform vec3 viewer;           // relative to the capture's eye
 #endif
+#ifdef CAPTURED
+const float LEAST = 0.25;      // of coverage
+#else
+const float LEAST = 0.5;
+#endif
 void main() {
     vec2 uv = at.xy / at.z;
     vec4 color = texture(picture, uv);
+#ifdef CAPTURED
+    color.rgb /= max(color.a, LEAST);
+#endif
 #ifdef COVERAGE
-    color.a = clamp((color.a - 0.5) / max(fwidth(color.a), 1e-4) + 0.5, 0.0, 1.0);
-    if (color.a <= 0.0) discard;
-    color_out = color;
+    float sharp = clamp((color.a - 0.5) / max(fwidth(color.a), 1e-4) + 0.5, 0.0, 1.0);
+#ifdef CAPTURED
+    if (color.a < LEAST) discard;
+#endif
+    if (sharp <= 0.0) discard;
+    color_out = vec4(color.rgb, sharp);
 #else
-    if (color.a < 0.5) discard;
+    if (color.a < LEAST) discard;
     color_out = vec4(color.rgb, 1.0);
 #endif
 #if defined(MEASURED) || defined(CAPTURED_DEPTH)
     ivec2 size = textureSize(depths, 0);
     ivec2 nearest = clamp(ivec2(floor(uv * vec2(size))), ivec2(0), size - 1);
     float captured_depth = texelFetch(depths, nearest, 0).r;
+#ifdef CAPTURED
+    if (captured_depth <= 0.0) {  // the filter reaches half a texel beyond the silhouette
+        float closest = 1e9;
+        ivec2 middle = nearest;
+        for (int k = 0; k < 9; ++k) {
+            ivec2 other = clamp(middle + ivec2(k % 3, k / 3) - 1, ivec2(0), size - 1);
+            float one = texelFetch(depths, other, 0).r;
+            vec2 off = vec2(other) + 0.5 - uv * vec2(size);
+            if (one > 0.0 && dot(off, off) < closest) { closest = dot(off, off); captured_depth = one; nearest = other; }
+        }
+        if (captured_depth <= 0.0) captured_depth = at.z;
+    }
+#else
     if (isinf(captured_depth)) captured_depth = at.z;
+#endif
     float stretch = captured_depth / max(at.z, 1e-6);  // the captured point, on one ray from the capture's eye
     float shown_depth = depth;
 #endif
@@ -105,11 +142,14 @@ void main() {
 class _CellOnGpu:
     """A cell's layers on the GPU: their atlas and vertices; of each layer that is there its triangles, as indices into all.
 
+    The atlas is ``textures``, or the ``image`` that pictures are captured into, and then there are none.
     ``sets`` are the triangles of layers that were drawn together: those drawn as they are, and those that need captured depths.
     """
 
     eye: NDArray[np.float64]
     textures: tuple[Any, ...]
+    image: ImageKey | None
+    size: tuple[int, int]
     vertices: Any
     first_vertex: Mapping[str, int]
     triangles: dict[str, tuple[NDArray[np.int32], NDArray[np.int32]]]
@@ -127,12 +167,14 @@ class _CellOnGpu:
 class LayersDrawer:
     """Draws :class:`viewer.plan.CellLayers`, of cells that were uploaded; ``measured`` keeps object ids of layers as well."""
 
-    def __init__(self, programs: Programs, *, measured: bool) -> None:
+    def __init__(self, programs: Programs, images: Images, *, measured: bool) -> None:
         self._context, self._smooth, self._measured = programs.context, programs.smooth, measured
-        self._programs = (
-            programs.make(_VERTEX, _FRAGMENT),
-            programs.make(_VERTEX, _FRAGMENT, flags=("CAPTURED_DEPTH",)),
+        self._images = images
+        plain, deep, captured = (
+            programs.make(_VERTEX, _FRAGMENT, flags=flags)
+            for flags in ((), ("CAPTURED_DEPTH",), ("CAPTURED_DEPTH", "CAPTURED"))
         )
+        self._programs = {False: (plain, deep), True: (captured, captured)}
         self._cells: dict[CellKey, _CellOnGpu] = {}
         self._rooms: dict[CellKey, list[Any]] = {}  # of cells that still make room
 
@@ -152,6 +194,7 @@ class LayersDrawer:
             texture.release()
         if cell in self._cells:
             self._cells.pop(cell).release()
+        self._images.drop(cell_image(cell))
 
     def draw(self, draw: CellLayers, view: View, *, measured: bool) -> list[int]:
         """Draw the layers with at most two calls. Raises KeyError where a layer was not uploaded."""
@@ -163,7 +206,12 @@ class LayersDrawer:
                 for some in cell.sets.pop(next(iter(cell.sets))):
                     some.release()
             cell.sets[draw.names] = self._layer_set(cell, draw.names)
-        for unit, texture in enumerate(cell.textures):
+        share, textures = (1.0, 1.0), cell.textures
+        if cell.image is not None:
+            image = self._images[cell.image]
+            textures = (image.color, image.depth, image.ids)
+            share = (cell.size[0] / image.room[0], cell.size[1] / image.room[1])
+        for unit, texture in enumerate(textures):
             texture.use(unit)
         if self._smooth(measured):
             self._context.enable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
@@ -171,9 +219,10 @@ class LayersDrawer:
             "captured_from": cell.eye.astype("f4").tobytes(),
             "viewer": (view.eye - cell.eye).astype("f4").tobytes(),
             "ahead": np.float32(view.project(cell.eye[None])[0, 2]).tobytes(),
+            "share": np.array(share, dtype="f4").tobytes(),
         }
         counts = []
-        for program, some in zip(self._programs, cell.sets[draw.names], strict=True):
+        for program, some in zip(self._programs[cell.image is not None], cell.sets[draw.names], strict=True):
             if some.count:
                 program[measured].set(values)
                 some.arrays[measured].render()
@@ -187,7 +236,7 @@ class LayersDrawer:
         parts = [cell.triangles[name] for name in names]
         layout = [(cell.vertices, "3f 3f", "position", "texture_from_capture")]
         sets = []
-        for k, programs in enumerate(self._programs):
+        for k, programs in enumerate(self._programs[cell.image is not None]):
             triangles = np.concatenate([np.empty((0, 3), dtype=np.int32), *(part[k] for part in parts)])
             indices = self._context.buffer(np.ascontiguousarray(triangles, dtype="<i4").tobytes() or b"none")
             arrays = {
@@ -199,7 +248,11 @@ class LayersDrawer:
         return sets[0], sets[1]
 
     def _make_room(self, cell: LoadedCell) -> None:
-        """Make the next texture for the layers of a cell; after the last one, the rest of the room for them."""
+        """Make the next texture for the layers of a cell, or their image; after the last one, the rest of the room for them."""
+        if cell.image is not None:
+            if self._images.reserve(cell.image, cell.size):
+                self._begin(cell, ())
+            return
         limit = self._context.info["GL_MAX_TEXTURE_SIZE"]
         if max(cell.size) > limit:
             raise CaptureError(
@@ -214,21 +267,29 @@ class LayersDrawer:
         texture.filter = (smoothing, smoothing)  # texels are about as large as pixels: no mipmaps
         texture.repeat_x = texture.repeat_y = False
         textures.append(texture)
-        if len(textures) < len(kinds):
-            return
+        if len(textures) == len(kinds):
+            self._begin(cell, tuple(self._rooms.pop(cell.key)))
+
+    def _begin(self, cell: LoadedCell, textures: tuple[Any, ...]) -> None:
+        """Make room for the vertices of a cell whose pictures have room."""
         counts = [len(layer.vertices) for layer in cell.layers]
         first = dict(zip((layer.name for layer in cell.layers), np.cumsum([0, *counts]).tolist(), strict=False))
         vertices = self._context.buffer(reserve=max(sum(counts), 1) * _VERTEX_BYTES)
-        self._cells[cell.key] = _CellOnGpu(cell.eye, tuple(self._rooms.pop(cell.key)), vertices, first, {}, {})
+        self._cells[cell.key] = _CellOnGpu(cell.eye, textures, cell.image, cell.size, vertices, first, {}, {})
 
     def _fill(self, cell: _CellOnGpu, layer: LoadedLayer) -> None:
         """Put a layer where there is room for it."""
-        if self._measured and layer.object_ids is None:
-            raise ValueError(f"layer {layer.name}: object ids expected for measuring, found none")
-        height, width = layer.depth.shape
-        for texture, values in zip(cell.textures, (layer.pixels, layer.depth, layer.object_ids), strict=False):
-            texture.write(np.ascontiguousarray(values).tobytes(), viewport=(*layer.corner, width, height), alignment=1)
+        picture = layer.picture
+        if isinstance(picture, StoredPicture):
+            if self._measured and picture.object_ids is None:
+                raise ValueError(f"layer {layer.name}: object ids expected for measuring, found none")
+            place = (*layer.corner, *picture.depth.shape[::-1])
+            for texture, values in zip(
+                cell.textures, (picture.pixels, picture.depth, picture.object_ids), strict=False
+            ):
+                texture.write(np.ascontiguousarray(values).tobytes(), viewport=place, alignment=1)
         first = cell.first_vertex[layer.name]
         cell.vertices.write(layer.vertices.astype("<f4").tobytes(), offset=first * _VERTEX_BYTES)
         triangles = layer.triangles + np.int32(first)
-        cell.triangles[layer.name] = triangles[: layer.in_order], triangles[layer.in_order :]
+        in_order = layer.in_order if cell.image is None else 0
+        cell.triangles[layer.name] = triangles[:in_order], triangles[in_order:]

@@ -80,13 +80,16 @@ class DrawnMesh:
         self._sets: dict[object, Triangles] = {}
 
     def draw(self, key: object, objects: NDArray[np.int64], *, measured: bool) -> list[int]:
-        """Draw some ``objects`` (n,) of the mesh. The same ``key`` means the same objects: their indices are kept for it."""
-        some = self._kept(key, objects)
-        if not some.count:
-            return []
-        self._texture.use(0)
-        some.arrays[measured].render()
-        return [some.count]
+        """Draw some ``objects`` (n,) of the mesh. The same ``key`` means the same objects: their indices are kept for it, but
+        for an empty key.
+        """
+        some = self._kept(key, objects) if key != "" else self._triangles(triangles_of(self._mesh, objects))
+        if some.count:
+            self._texture.use(0)
+            some.arrays[measured].render()
+        if key == "":
+            some.release()
+        return [some.count] if some.count else []
 
     def _kept(self, key: object, objects: NDArray[np.int64]) -> Triangles:
         """Triangles of some objects, made when first drawn and kept until enough others were drawn more recently."""
