@@ -4,8 +4,8 @@
     build-impostors examples/helsinki/helsinki.osm.pbf -o out/none --max-cells 24 --pictures none
     python benchmarks/entering.py out/all out/none
 
-Reading happens in a thread beside the frames; bringing to the GPU, which is where pictures are captured, happens between them, a
-picture at a time. Each cell is entered three times and the fastest counts, since the first time of all compiles shaders.
+Reading happens in a thread beside the frames; bringing to the GPU, which is where pictures are captured, happens between them,
+a picture at a time. Each cell is entered three times and the fastest counts, since the first time of all compiles shaders.
 """
 
 from __future__ import annotations
@@ -49,9 +49,7 @@ def main() -> None:
         scene = open_scene(open_dataset(folder), name="multi-mesh")
         cells = scene.dataset.manifest.cells
         with Renderer(scene.mesh, scene.ground, size=(scene.camera.width, scene.camera.height)) as renderer:
-            taken = [
-                np.min([entered(scene, renderer, one.id) for _ in range(options.rounds)], axis=0) for one in cells
-            ]
+            taken = [np.min([entered(scene, renderer, one.id) for _ in range(options.rounds)], axis=0) for one in cells]
         figures = np.column_stack([[len(one.pictures) for one in cells], [one.bytes / 1e3 for one in cells], taken])
         middle, most = np.median(figures, axis=0), figures.max(axis=0)
         print(folder, *(f"{m:.1f} / {x:.1f}" for m, x in zip(middle, most, strict=True)), sep="  ")
