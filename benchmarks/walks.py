@@ -1,12 +1,14 @@
-"""What the benchmarks of walks share: rounds of a walk by several techniques, and what a round says."""
+"""What the benchmarks of walks share: rounds of a walk by several techniques, what a round says, and means with intervals."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mmi.appearance.city_mesh import CityMesh
 from viewer.cells.scene_cache import cell_cache
@@ -14,7 +16,8 @@ from viewer.drawing.renderer import Renderer
 from viewer.runtime.loop import FrameLoop, FrameTimes, run_walk
 from viewer.scene.scene import WalkScene
 from viewer.techniques.catalogue import make_technique
-from viewer.walks.walk import Walk
+from viewer.walks.tour import tour
+from viewer.walks.walk import Step, Walk
 
 PAPER = {
     "O2": {"full": 1.0, "local": 14.5, "visible": 4.3, "single-mesh": 15.9, "multi-mesh": 10.9},
@@ -27,6 +30,9 @@ _TURN = 1.0
 """Seconds of the walk."""
 _SETTLING = 0.2
 """Seconds."""
+_RESAMPLES = 2000
+_OUTSIDE = 5.0
+"""Percent of resampled means that lie outside of an interval."""
 
 
 def detailed(mesh: CityMesh, side: int) -> CityMesh:
@@ -108,3 +114,40 @@ def rounds(
 def total_ms(runs: Sequence[Sequence[FrameTimes]]) -> np.ndarray:
     """Milliseconds of all frames of all rounds."""
     return 1e3 * np.array([frame.total for run in runs for frame in run])
+
+
+def excerpts(
+    scene: WalkScene, *, speed: float, fps: float, count: int, frames: int, metres: float, seed: int
+) -> tuple[Step, ...]:
+    """``count`` excerpts of ``frames`` frames each from a tour of ``metres`` at ``speed``, with cuts between them.
+
+    They are spread evenly over the tour, and their middles are the same places at every speed. Raises ValueError where the
+    streets are too short for them.
+    """
+    cells = scene.whereabouts.cells
+    neighbours = {entry.id: entry.neighbours for entry in scene.dataset.manifest.cells}
+    steps = tour(cells, neighbours, metres=metres, speed=speed, seed=seed).frames(fps)
+    if len(steps) < count * frames:
+        raise ValueError(
+            f"a tour of {count * frames} frames expected, found {len(steps)}: make it longer, or excerpts shorter"
+        )
+    found: list[Step] = []
+    for number in range(count):
+        middle = round((number + 0.5) / count * len(steps))
+        first = min(max(middle - frames // 2, number * frames), len(steps) - (count - number) * frames)
+        found += [replace(step, cut=step.cut or not i) for i, step in enumerate(steps[first : first + frames])]
+    return tuple(found)
+
+
+def mean_interval(values: NDArray[np.float64], *, block: int) -> tuple[float, float, float]:
+    """The mean of a series, and between what it lies in 95 of 100 resamples of whole blocks of ``block`` neighbours.
+
+    Neighbours of a walk are alike, so that each alone would make the interval too narrow (Kuensch 1989, with the series closed
+    to a ring). Series of one length are resampled alike.
+    """
+    count = len(values)
+    rng = np.random.default_rng([count, block])
+    starts = rng.integers(0, count, (_RESAMPLES, -(-count // block)))
+    chosen = (starts[..., None] + np.arange(block)).reshape(_RESAMPLES, -1)[:, :count] % count
+    low, high = np.percentile(values[chosen].mean(axis=1), [0.5 * _OUTSIDE, 100.0 - 0.5 * _OUTSIDE])
+    return float(values.mean()), float(low), float(high)
