@@ -12,6 +12,10 @@ that differ tell the costs apart. What a frame and a request cost as such follow
 do not tell, how much of the view is covered for instance; what a triangle costs follows slowly. Costs grow faster than they
 shrink, and where the two are in balance is the wanted quantile, nearly. A surprise counts for no more than ``_LARGEST``, so
 that a frame that another program disturbs changes the prediction by an eighth.
+
+Requests that fill a frame to the brim make it late whenever it takes a little longer than predicted. So there is a margin on
+all costs, which a late frame widens and all others narrow a little, until hardly any frame is late because of its requests:
+narrow where frames take what they always take, wide on a machine that is busy with other things.
 """
 
 from __future__ import annotations
@@ -25,7 +29,7 @@ from scipy.optimize import nnls
 
 from viewer.plan import Costs, Done, Work
 
-__all__ = ["CostModel", "fitted"]
+__all__ = ["LATE", "CostModel", "fitted"]
 
 _GROWTH, _SHRINKAGE = 0.3, 0.04
 """The share of a surprise, the logarithm of taken : predicted, by which the prediction of the same frame changes."""
@@ -41,24 +45,40 @@ _PRIOR = 0.05
 """Weight of what is expected of a cost before anything was drawn, next to the weight of 1 that an example has."""
 _FLOOR = 0.05
 """Costs that are fitted are at least this share of what is expected of them."""
+LATE = 1.1
+"""A frame is late when it takes this many times what it should."""
+_LATE_SHARE = 0.005
+"""Of all frames, so many may be late because of their requests."""
+_WIDENING = 0.15
+"""What a frame that is late adds to the margin. Every other one takes so much off that the two are in balance at that share."""
+_WIDEST = 3.0
 _SHORTEST = 1e-6
 """Seconds; nothing real draws in less."""
 
 
 @dataclass(frozen=True, slots=True)
 class CostModel:
-    """What things cost, refined by what frames took."""
+    """What things cost, refined by what frames took; all of it ``margin`` times as much as was found."""
 
     costs: Costs = field(default_factory=Costs)
+    margin: float = 1.0
 
-    def after(self, done: Done, *, planning: float = 0.0) -> CostModel:
-        """The model after a frame whose plan was made in ``planning`` seconds. What was not timed teaches nothing."""
-        costs = self.costs
+    def after(self, done: Done, *, planning: float = 0.0, target: float = math.inf) -> CostModel:
+        """The model after a frame whose plan was made in ``planning`` seconds. What was not timed teaches nothing.
+
+        The frame should have taken ``target`` seconds. Where it is late, and would not have been without its requests, the
+        margin grows.
+        """
+        found = _scaled(self.costs, 1.0 / self.margin)
         if done.draws.seconds > _SHORTEST:
-            costs = _refined(costs, _counted(done.draws, frames=1), done.draws.seconds + planning)
+            found = _refined(found, _counted(done.draws, frames=1), done.draws.seconds + planning)
         if done.requests.seconds > _SHORTEST:
-            costs = _refined(costs, _counted(done.requests, frames=0), done.requests.seconds)
-        return CostModel(costs)
+            found = _refined(found, _counted(done.requests, frames=0), done.requests.seconds)
+        without = done.draws.seconds + planning
+        late = without <= LATE * target < without + done.requests.seconds
+        margin = self.margin + (_WIDENING if late else -_WIDENING * _LATE_SHARE)
+        margin = min(max(margin, 1.0), _WIDEST)
+        return CostModel(_scaled(found, margin), margin)
 
 
 def fitted(frames: Sequence[Work], requests: Sequence[Work]) -> Costs:
@@ -79,6 +99,10 @@ def fitted(frames: Sequence[Work], requests: Sequence[Work]) -> Costs:
     shares = np.vstack([counts * default / seconds[:, None], _PRIOR * np.eye(len(default))])
     found, _ = nnls(shares, np.concatenate([np.ones(len(works)), np.full(len(default), _PRIOR)]))
     return Costs(*(np.maximum(found, _FLOOR) * default).tolist())
+
+
+def _scaled(costs: Costs, factor: float) -> Costs:
+    return costs if factor == 1.0 else Costs(*(factor * cost for cost in costs))
 
 
 def _counted(work: Work, *, frames: int) -> tuple[int, ...]:

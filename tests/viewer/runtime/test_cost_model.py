@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from viewer.plan import Costs, Done, Work
-from viewer.runtime.cost_model import CostModel, fitted
+from viewer.runtime.cost_model import LATE, CostModel, fitted
 
 TRUE = Costs(frame=3e-3, draw=4e-5, triangle=1.5e-7, request=3e-4, pixel=1e-8, relief=2.5e-8)
 
@@ -126,6 +126,7 @@ counts = st.integers(0, 10**9)
 works = st.builds(Work, times, counts, counts, counts, counts, counts)
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(works, works), max_size=40), st.floats(0.0, 1.0))
 def test_costs_are_always_positive_and_finite(pairs, planning):
     model = CostModel()
@@ -134,6 +135,7 @@ def test_costs_are_always_positive_and_finite(pairs, planning):
         assert all(0.0 < cost < math.inf for cost in model.costs)
 
 
+@settings(deadline=None)
 @given(st.lists(works, max_size=12), st.lists(works, max_size=12))
 def test_whatever_is_fitted_is_positive_and_finite(frames, requests):
     assert all(0.0 < cost < math.inf for cost in fitted(frames, requests))
@@ -192,3 +194,52 @@ def test_what_examples_do_not_tell_apart_has_a_share_of_the_cost_each():
     for one, two in zip(predicted(found, done), (requests, draws), strict=True):
         assert one == pytest.approx(two, rel=0.01)
     assert all(0.3 < cost / true < 3.0 for cost, true in zip(found, TRUE, strict=True))
+
+
+DRAWS = Work(0.0, 40_000, 6, relief=100_000)
+
+
+def filled(model, machine, *, target, frames, learn=True):
+    """Frames that have ``DRAWS`` and are filled with requests: seconds with and without those, (frames, 2), and how many."""
+    seconds, captured = [], 0
+    for _ in range(frames):
+        left = target - predicted(model.costs, Done(Work(), DRAWS))[1]
+        n = max(int(left / model.costs.of_request(triangles=500, draws=1, pixels=10_000)), 0)
+        requests = Work(0.0, 500 * n, n, 10_000 * n, n)
+        factors = np.exp(machine.noise * machine.random.normal(size=2))
+        took = np.array(predicted(machine.costs, Done(requests, DRAWS))) * factors
+        if learn:
+            done = Done(requests._replace(seconds=float(took[0])), DRAWS._replace(seconds=float(took[1])))
+            model = model.after(done, target=target)
+        seconds.append((took.sum(), took[1]))
+        captured += n
+    return model, np.array(seconds), captured / frames
+
+
+@pytest.mark.parametrize(("noise", "least"), [(0.02, 0.7), (0.1, 0.35), (0.2, 0.05)])
+def test_frames_that_requests_fill_are_hardly_ever_late_because_of_them(noise, least):
+    """``least`` is the share of what somebody captures who knows the costs and keeps no margin, and is late for it."""
+    target = 1.5 * predicted(TRUE, Done(Work(), DRAWS))[1]
+    _, bold, many = filled(CostModel(TRUE), Machine(noise=noise), target=target, frames=2000, learn=False)
+    model, _, _ = filled(CostModel(TRUE), Machine(noise=noise, seed=1), target=target, frames=300)
+    _, seconds, some = filled(model, Machine(noise=noise, seed=2), target=target, frames=2000)
+    shares = (seconds > LATE * target).mean(axis=0)
+    assert shares[0] - shares[1] < 0.01
+    assert some > least * many
+    if noise >= 0.1:
+        assert (bold > LATE * target).mean(axis=0)[0] - shares[1] > 0.05, "without a margin many should be late"
+
+
+def test_a_margin_goes_when_there_is_no_need_of_it_any_more_nor_anything_captured():
+    model = CostModel(TRUE, 2.0)
+    for _ in range(3000):
+        model = model.after(Done(Work(), Work(predicted(model.costs, Done(Work(), DRAWS))[1], *DRAWS[1:])), target=1.0)
+    assert model.margin == 1.0
+
+
+def test_what_is_late_without_its_requests_is_not_late_because_of_them():
+    slow = Work(2.0, *DRAWS[1:])
+    assert CostModel(TRUE).after(Done(Work(1.0, 10, 1, 100, 1), slow), target=1.0).margin == 1.0
+    fast = Work(1.0, *DRAWS[1:])
+    assert CostModel(TRUE).after(Done(Work(1.0, 10, 1, 100, 1), fast), target=1.0).margin > 1.1
+    assert CostModel(TRUE).after(Done(Work(0.05, 10, 1, 100, 1), fast), target=1.0).margin == 1.0
