@@ -88,7 +88,7 @@ def hold_view(
         planning = planning if number else 0.0
         found.append(HeldFrame(time, budget, planning + picture.seconds, picture.gpu_seconds, picture.done))
         plans.append(plan)
-        model = model.after(picture.done, planning=planning, target=budget.frame)
+        model = model.after(picture.done, planning=planning, target=budget.frame, updates=updates)
         budget = replace(budget, costs=model.costs, done=picture.done)
     _forget(renderer, plans)
     more = math.inf if updates > 0.0 else 0.0

@@ -63,11 +63,13 @@ class CostModel:
     costs: Costs = field(default_factory=Costs)
     margin: float = 1.0
 
-    def after(self, done: Done, *, planning: float = 0.0, target: float = math.inf) -> CostModel:
+    def after(
+        self, done: Done, *, planning: float = 0.0, target: float = math.inf, updates: float = math.inf
+    ) -> CostModel:
         """The model after a frame whose plan was made in ``planning`` seconds. What was not timed teaches nothing.
 
-        The frame should have taken ``target`` seconds. Where it is late, and would not have been without its requests, the
-        margin grows.
+        The frame should have taken ``target`` seconds, ``updates`` of them for its requests. Where it is late, and would not
+        have been without them, the margin grows.
         """
         found = _scaled(self.costs, 1.0 / self.margin)
         if done.draws.seconds > _SHORTEST:
@@ -75,7 +77,7 @@ class CostModel:
         if done.requests.seconds > _SHORTEST:
             found = _refined(found, _counted(done.requests, frames=0), done.requests.seconds)
         without = done.draws.seconds + planning
-        late = without <= LATE * target < without + done.requests.seconds
+        late = without <= LATE * min(target, without + updates) < without + done.requests.seconds
         margin = self.margin + (_WIDENING if late else -_WIDENING * _LATE_SHARE)
         margin = min(max(margin, 1.0), _WIDEST)
         return CostModel(_scaled(found, margin), margin)

@@ -161,7 +161,7 @@ class FrameLoop:
                 room = min(room, max(self._budget - spent, 0.0))
             uploading = self._cache.spend(room) if spent <= _COSTLY * usual else 0.0
         self._usual.add(spent)
-        self._model = self._model.after(picture.done, planning=planned, target=self._budget)
+        self._model = self._model.after(picture.done, planning=planned, target=self._budget, updates=self._updates)
         self._last = FrameTimes(
             time=time,
             cell=plan.place,

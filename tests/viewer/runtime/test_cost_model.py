@@ -243,3 +243,11 @@ def test_what_is_late_without_its_requests_is_not_late_because_of_them():
     fast = Work(1.0, *DRAWS[1:])
     assert CostModel(TRUE).after(Done(Work(1.0, 10, 1, 100, 1), fast), target=1.0).margin > 1.1
     assert CostModel(TRUE).after(Done(Work(0.05, 10, 1, 100, 1), fast), target=1.0).margin == 1.0
+
+
+def test_requests_that_take_longer_than_they_may_are_late_though_the_frame_is_not():
+    model, requests = CostModel(TRUE), Work(0.5, 10, 1, 100, 1)
+    assert model.after(Done(requests, Work(1.0, *DRAWS[1:])), target=10.0, updates=0.3).margin > 1.1
+    assert model.after(Done(requests, Work(1.0, *DRAWS[1:])), target=10.0, updates=0.4).margin == 1.0  # a tenth of 1.4
+    assert model.after(Done(requests, Work(1.0, *DRAWS[1:])), target=10.0).margin == 1.0
+    assert model.after(Done(requests, Work(11.5, *DRAWS[1:])), target=10.0, updates=0.1).margin == 1.0

@@ -17,8 +17,10 @@ __all__ = ["GROUND_ID", "DrawnMesh", "MeshProgram", "Triangles"]
 
 GROUND_ID = -2
 """The object that pixels of the ground show in measured pictures."""
-_MOST_SETS = 64
-"""Sets of objects that are kept as index buffers; a walk meets a new one in every cell."""
+_MOST_TRIANGLES = 6_000_000
+"""Sets of objects are kept as index buffers while they have no more triangles together, of 12 bytes each. A walk meets a new
+set in every cell, and one that captures layers again some for each layer, of few triangles."""
+_MOST_SETS = 1024
 _VERTEX = """
 in vec3 position; in vec2 uv; in vec3 color; in int object;
 out vec2 at; out vec3 tint; flat out int which; out float depth;
@@ -78,6 +80,7 @@ class DrawnMesh:
         self._vertices = context.buffer(vertices.tobytes())
         self._texture = self._upload_texture(mesh.texture)
         self._sets: dict[object, Triangles] = {}
+        self._held = 0
 
     def draw(self, key: object, objects: NDArray[np.int64], *, measured: bool) -> list[int]:
         """Draw some ``objects`` (n,) of the mesh. The same ``key`` means the same objects: their indices are kept for it, but
@@ -96,8 +99,11 @@ class DrawnMesh:
         found = self._sets.pop(key, None)
         if found is None:
             found = self._triangles(triangles_of(self._mesh, objects))
-            if len(self._sets) >= _MOST_SETS:
-                self._sets.pop(next(iter(self._sets))).release()
+            self._held += found.count
+            while self._sets and (self._held > _MOST_TRIANGLES or len(self._sets) >= _MOST_SETS):
+                oldest = self._sets.pop(next(iter(self._sets)))
+                self._held -= oldest.count
+                oldest.release()
         self._sets[key] = found
         return found
 
