@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     )
     from viewer.report.compare import compare_views, compare_walk
     from viewer.report.options import CompareOptions
-    from viewer.runtime.loop import FrameLoop, FrameTimes
+    from viewer.runtime.calibration import calibrated
+    from viewer.runtime.loop import FrameLoop, FrameTimes, replay
     from viewer.scene.scene import WalkScene, open_scene
     from viewer.techniques.catalogue import TECHNIQUES, make_technique
     from viewer.techniques.virtual_frames import FrameRules
@@ -75,6 +76,7 @@ __all__ = [
     "Walk",
     "WalkScene",
     "Work",
+    "calibrated",
     "cell_cache",
     "compare_views",
     "compare_walk",
@@ -82,6 +84,7 @@ __all__ = [
     "open_scene",
     "random_views",
     "read_walk",
+    "replay",
     "tour",
     "write_walk",
 ]
@@ -112,7 +115,8 @@ _HOMES = MappingProxyType(
         ),
         "viewer.report.compare": ("compare_views", "compare_walk"),
         "viewer.report.options": ("CompareOptions",),
-        "viewer.runtime.loop": ("FrameLoop", "FrameTimes"),
+        "viewer.runtime.calibration": ("calibrated",),
+        "viewer.runtime.loop": ("FrameLoop", "FrameTimes", "replay"),
         "viewer.scene.scene": ("WalkScene", "open_scene"),
         "viewer.techniques.catalogue": ("TECHNIQUES", "make_technique"),
         "viewer.techniques.virtual_frames": ("FrameRules",),

@@ -95,7 +95,7 @@ class View:
     @property
     def eye(self) -> NDArray[np.float64]:
         """(3,) the viewpoint in the world, metres."""
-        return self.world_from_eye[:3, 3]
+        return -self.eye_from_world[:3, :3].T @ self.eye_from_world[:3, 3]
 
     def cropped(self, window: tuple[int, int, int, int]) -> View:
         """The same picture through another window of its image plane."""
