@@ -205,7 +205,11 @@ def compare_walk(
             gpu=[frame.gpu for frame in runs[entry.name]],
             done=[frame.done for frame in runs[entry.name]],
             target=1.0 / options.frames_per_second,
-            pop=pops_of(found.pops[entry.name], sum(frame.entered for frame in runs[entry.name])),
+            pop=pops_of(found.pops.get(entry.name), switches=sum(frame.entered for frame in runs[entry.name])),
+            update_pop=pops_of(
+                found.update_pops.get(entry.name),
+                frames=sum(frame.done.requests.requests > 0 for frame in runs[entry.name]),
+            ),
             loading=loading_of(loads[entry.name], runs[entry.name]) if entry.layered else None,
             movers=movers_of(tallies[entry.name]),
         )

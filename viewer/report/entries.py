@@ -98,6 +98,7 @@ def technique_of(
     target: float,
     settling: dict[str, Any] | None = None,
     pop: dict[str, Any] | None = None,
+    update_pop: dict[str, Any] | None = None,
     loading: dict[str, Any] | None = None,
     movers: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
@@ -113,6 +114,7 @@ def technique_of(
         **(dict.fromkeys(ERRORS) if scored is None else summarise([one.errors for one in scored])),
         "settling": settling,
         "pop": pop,
+        "update_pop": update_pop,
         "frame_ms": frame_summary(seconds),
         "gpu_ms": gpu_times(gpu),
         "late_share": float(np.mean([one > _LATE * target for one in seconds])),
@@ -260,8 +262,14 @@ def loading_of(report: CacheReport, run: Sequence[FrameTimes]) -> dict[str, Any]
     }
 
 
-def pops_of(pops: Sequence[float], switches: int) -> dict[str, Any] | None:
-    """Pops at changes of cells, of which there were ``switches``; None where no pop was measured."""
+def pops_of(
+    pops: Sequence[float] | None, *, switches: int | None = None, frames: int | None = None
+) -> dict[str, Any] | None:
+    """Pops at changes of cells, of which there were ``switches``, or of updates, which so many ``frames`` had.
+
+    None where no pop was measured.
+    """
     if not pops:
         return None
-    return {"switches": switches, "mean": float(np.mean(pops)), "max": float(np.max(pops))}
+    count = {"frames": frames} if switches is None else {"switches": switches}
+    return {**count, "mean": float(np.mean(pops)), "max": float(np.max(pops))}

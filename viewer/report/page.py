@@ -22,7 +22,7 @@ from mmi.foundation.json_forms import readable_json
 from mmi.foundation.whole_files import write_whole
 from mmi.inspection.figures import counted, encoded
 from viewer.report.plots import distributions, errors_along_walk, frame_times, settling
-from viewer.report.tables import LIKENESS, LOADING, MOVERS, SETTLING, TIMES, WRONG, glossary, key, plain, table
+from viewer.report.tables import LIKENESS, LOADING, MOVERS, TIMES, UPDATES, WRONG, glossary, key, plain, table
 
 __all__ = ["write_report"]
 
@@ -99,8 +99,8 @@ def _page(report: Mapping[str, Any], folder: Path) -> str:
         table(report, WRONG),
         table(report, LIKENESS),
         f"<p>{_promise(report)}</p>",
-        table(report, SETTLING),
-        glossary(report, (*WRONG, *LIKENESS, *SETTLING)),
+        table(report, UPDATES),
+        glossary(report, (*WRONG, *LIKENESS, *UPDATES)),
         "<h2>Speed</h2>",
         table(report, TIMES),
         table(report, LOADING),

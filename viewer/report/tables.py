@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from viewer.report.plots import technique_color
 
-__all__ = ["LIKENESS", "LOADING", "MOVERS", "SETTLING", "TIMES", "WRONG", "Column", "glossary", "key", "plain", "table"]
+__all__ = ["LIKENESS", "LOADING", "MOVERS", "TIMES", "UPDATES", "WRONG", "Column", "glossary", "key", "plain", "table"]
 
 _How = Literal["plain", "percent", "fourth", "psnr", "promised", "megabytes", "times", "captured"]
 
@@ -50,7 +50,7 @@ LIKENESS = (
     Column("pop, FLIP", "mean", ("pop", "mean"), "fourth"),
     Column("pop, FLIP", "max", ("pop", "max"), "fourth"),
 )
-SETTLING = (
+UPDATES = (
     Column("settled after, frames", "p50", ("settling", "settled_frames", "p50")),
     Column("settled after, frames", "p99", ("settling", "settled_frames", "p99")),
     Column("settled after, frames", "max", ("settling", "settled_frames", "max")),
@@ -58,6 +58,9 @@ SETTLING = (
     Column("views that settled", "later than layers", ("settling", "later_than_layers")),
     Column("layers of a view", "p50", ("settling", "layers", "p50")),
     Column("layers of a view", "max", ("settling", "layers", "max")),
+    Column("pop of updates, FLIP", "frames", ("update_pop", "frames")),
+    Column("pop of updates, FLIP", "mean", ("update_pop", "mean"), "fourth"),
+    Column("pop of updates, FLIP", "max", ("update_pop", "max"), "fourth"),
 )
 TIMES = (
     Column("frame, ms", "p50", ("frame_ms", "p50"), of_reference=True),
@@ -137,6 +140,12 @@ _TERMS = (
         "pop, FLIP",
         "pop",
         "FLIP between the frames before and after the viewer comes into another cell, less that of the geometry for the same "
+        "motion.",
+    ),
+    (
+        "pop of updates, FLIP",
+        "pop of updates",
+        "FLIP between a frame in which something is captured and the frame before, less that of the geometry for the same "
         "motion.",
     ),
     (

@@ -1,4 +1,4 @@
-"""A walk walked again, all techniques side by side: what is wrong in some of its views, pops at changes of cells, and films."""
+"""A walk walked again, all techniques side by side: what is wrong in some of its views, what pops, and films."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,15 +32,19 @@ from viewer.walks.walk import Step
 __all__ = ["WalkScores", "score_walk", "spread"]
 
 _MOST_POPS = 24
-"""The pop of at most this many changes of cells is measured, spread over the walk."""
+"""The pop of at most this many changes of cells, and of updates, is measured, spread over the walk."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WalkScores:
-    """``scores`` of views and ``pops`` by technique; ``worst`` views and names of ``videos`` as the report has them."""
+    """By technique ``scores`` of views, ``pops`` at changes of cells and ``update_pops`` in frames that captured something.
+
+    ``worst`` views and names of ``videos`` are as the report has them.
+    """
 
     scores: Mapping[str, Sequence[Scored]]
     pops: Mapping[str, Sequence[float]]
+    update_pops: Mapping[str, Sequence[float]]
     worst: list[dict[str, Any]]
     videos: list[str]
 
@@ -61,16 +65,9 @@ def score_walk(
     """
     chosen = set(spread(len(steps), options.scored))
     compared = [entry.name for entry in options.entries if entry.name != REFERENCE]
-    entered = {
-        entry.name: _some([i for i, frame in enumerate(runs[entry.name]) if frame.entered], _MOST_POPS)
-        for entry in options.entries
-        if entry.layered
-    }
-    # A fade is over some frames after the cell was entered.
-    after = 1 + math.ceil(options.fade * options.frames_per_second)
-    popping = {name: {i for entry in some for i in range(entry, entry + after)} for name, some in entered.items()}
-    around = {i + step for some in popping.values() for i in some for step in (-1, 0)} if options.flip else set()
-    largest: dict[tuple[str, int], float] = {}
+    popping = {entry.name: _popping(runs[entry.name], options) for entry in options.entries if entry.layered}
+    around = {i + step for some in popping.values() for i in some for step in (-1, 0)}
+    largest: dict[str, dict[_Event, float]] = {name: {} for name in popping}
     walkers = {
         entry.name: make_technique(entry, scenes, fade=options.fade, frames=options.mover_frames)
         for entry in options.entries
@@ -106,22 +103,48 @@ def score_walk(
                 continue
             shown = {}
             for name, plan in plans.items():
-                if film.wanted or name in (REFERENCE, *entered):
+                if film.wanted or name in (REFERENCE, *popping):
                     cache.want(plan.cells)
                     cache.require(plan.cells)
                     shown[name] = renderer.draw(plan, view)
             for name, some in popping.items():
-                if step.index in some and options.flip and not step.cut:
-                    entry = max(i for i in entered[name] if i <= step.index)
+                if step.index in some and not step.cut:
+                    event = some[step.index]
                     found = pop(before[name], shown[name], before[REFERENCE], shown[REFERENCE])
-                    largest[name, entry] = max(found, largest.get((name, entry), -1.0))
+                    largest[name][event] = max(found, largest[name].get(event, -1.0))
             add([shown[name].color for name in names] if film.wanted else [])
             before = shown
         tell(len(steps), len(steps), "frames scored")
         scores = by_technique(judge.results())
         worst = worst_views(judge, compared, out)
-    pops = {one.name: [value for (name, _), value in largest.items() if name == one.name] for one in options.entries}
-    return WalkScores(scores, pops, worst, film.files)
+    pops, update_pops = (
+        {name: [value for event, value in some.items() if event.update == update] for name, some in largest.items()}
+        for update in (False, True)
+    )
+    return WalkScores(scores, pops, update_pops, worst, film.files)
+
+
+class _Event(NamedTuple):
+    """What may pop: where the viewer comes into another cell, or an ``update``, from a ``frame`` on."""
+
+    frame: int
+    update: bool
+
+
+def _popping(run: Sequence[FrameTimes], options: CompareOptions) -> dict[int, _Event]:
+    """The frames whose pops are measured, and what may pop there; none without FLIP, of which pops are made.
+
+    A change of cells pops in all frames of its fade, an update in its own.
+    """
+    if not options.flip:
+        return {}
+    entered = _some([i for i, frame in enumerate(run) if frame.entered], _MOST_POPS)
+    fade = 1 + math.ceil(options.fade * options.frames_per_second)
+    switches = {i: _Event(first, False) for first in sorted(entered) for i in range(first, first + fade)}
+    captured = [
+        i for i, frame in enumerate(run) if frame.done.requests.requests and not frame.cut and i not in switches
+    ]
+    return {i: _Event(i, True) for i in _some(captured, _MOST_POPS)} | switches
 
 
 def _captured(plan: Plan, renderer: Renderer, cache: CellCache) -> Plan:

@@ -58,6 +58,7 @@ def technique(name, views, frames, walked):
         **(dict.fromkeys(errors) if reference else errors),
         "settling": None,
         "pop": {"switches": 6, "mean": -0.0012, "max": 0.0345} if walked and layered else None,
+        "update_pop": None,
         "frame_ms": quantiles(frames, "p50", "p95", "p99", "max"),
         "gpu_ms": None,
         "late_share": 0.0125,
@@ -433,9 +434,11 @@ def test_only_terms_whose_columns_are_there_are_explained(tmp_path):
     assert held[-4:] == ["settled", "layers", "p50, p95, p99", "late"]
     alone = {**report_of(False, names=("full",)), "worst": []}
     assert terms(alone) == ["late"]
-    capturing = {**report_of(False), "worst": []}
+    capturing = {**report_of(True, seconds=4.0), "worst": []}
+    capturing["techniques"]["multi-mesh"]["update_pop"] = {"frames": 40, "mean": -0.0012, "max": 0.0123}
     capturing["techniques"]["multi-mesh"]["requests"] = 0.125
-    assert terms(capturing)[-2:] == ["late", "captured"]
+    assert terms(capturing) == [*everything[:-2], "pop of updates", *everything[-2:], "captured"]
+    assert "−0.0012" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_no_table_is_wider_than_a_window_of_1000_pixels(tmp_path):
@@ -444,6 +447,7 @@ def test_no_table_is_wider_than_a_window_of_1000_pixels(tmp_path):
     for one in report["techniques"].values():
         one["gpu_ms"] = one["frame_ms"]
         one |= {"requests": 12.25, "captured_pixels": 262_144.0}
+        one["update_pop"] = {"frames": 1234, "mean": -0.0123, "max": 0.1234}
     font = ImageFont.truetype(get_data_path() + "/fonts/ttf/DejaVuSans-Bold.ttf", 13)
     rows = [*page_of(report, tmp_path).rows, ["", "end"]]
     tables, rest = [], []
@@ -631,6 +635,7 @@ def test_every_field_is_wanted_and_no_other_is_let_in():
     report["techniques"]["multi-mesh"] |= {
         "origin": {"function": "my_module:mine", "version": "1"},
         "settling": settling_summary([0, None], [3, 4], held=8),
+        "update_pop": {"frames": 40, "mean": 0.0012, "max": 0.0123},
     }
     for way in objects(report):
         part = report

@@ -1,11 +1,17 @@
 """A walk that is walked again to be scored: with the plans that were timed, and all that those had captured."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from viewer.drawing.renderer import Renderer
-from viewer.plan import ImageKey, Objects, Plan, Relief, ReliefPart, Request, Sky, Slot
+from viewer.measuring.view_errors import pop
+from viewer.plan import Budget, Done, ImageKey, Objects, Plan, Relief, ReliefPart, Request, Sky, Slot, Work
 from viewer.report.compare import CompareOptions, compare_walk
+from viewer.report.walk_scores import _popping
+from viewer.runtime.loop import FrameTimes
+from viewer.techniques.geometry import FullGeometry
 from viewer.walks.walk import Keyframe, Pose, Walk
 
 WALK = Walk("east", (Keyframe(0.0, Pose((20.0, 0.0, 1.7), 0.2, 0.0)), Keyframe(2.0, Pose((40.0, 0.0, 1.7), -0.2, 0.0))))
@@ -80,3 +86,69 @@ def test_the_plans_that_are_scored_are_those_that_were_timed(dataset, tmp_path, 
     assert [request for measuring, request in executed if measuring] == asked
     once = [request for measuring, request in executed if not measuring]
     assert once == [request for plan in timed for request in plan.requests]
+
+
+class Flashing:
+    """Captures a small picture that nobody sees in every third frame; from that frame on it draws all, or the sky alone."""
+
+    name = "flashing"
+
+    def __init__(self, scene, *, flashes):
+        self.full, self.flashes, self.frame = FullGeometry(scene), flashes, 0
+
+    def plan(self, view, *, now, budget):
+        self.frame += 1
+        plan = self.full.plan(view, now=now, budget=budget)
+        requests = ()
+        if self.frame % 3 == 0:
+            small = view.cropped((view.window[0], view.window[1], 8, 8))
+            requests = (Request(Slot(ImageKey("flashing", "one"), (8, 8)), small, (Sky(),)),)
+        dark = self.flashes and self.frame // 3 % 2 == 1
+        return replace(plan, draws=(Sky(),) if dark else plan.draws, requests=requests)
+
+
+def flashing(scene):
+    return Flashing(scene, flashes=True)
+
+
+def quiet(scene):
+    return Flashing(scene, flashes=False)
+
+
+def test_updates_pop_by_what_frames_that_capture_change_beyond_the_motion(dataset, scene, tmp_path):
+    options = CompareOptions(
+        techniques=("full", "multi-mesh", quiet, flashing), frames_per_second=5.0, scored=1, keep=0
+    )
+    report = compare_walk(dataset.path, tmp_path, WALK, options=options)
+    full, multi, silent, loud = report["techniques"].values()
+    assert full["update_pop"] is multi["update_pop"] is None
+    assert silent["update_pop"] == {"frames": 3, "mean": 0.0, "max": 0.0}
+    views = [step.pose.view(scene.camera) for step in WALK.frames(5.0)]
+    assert len(views) == 11
+    size = (scene.camera.width, scene.camera.height)
+    with Renderer(scene.mesh, scene.ground, size=size) as renderer:
+        told = Budget()
+        truth = [renderer.draw(FullGeometry(scene).plan(view, now=0.0, budget=told), view) for view in views]
+        technique = Flashing(scene, flashes=True)
+        shown = [renderer.draw(technique.plan(view, now=0.0, budget=told), view) for view in views]
+    pops = [pop(shown[i - 1], shown[i], truth[i - 1], truth[i]) for i in (2, 5, 8)]
+    assert min(pops) > 0.05
+    assert loud["update_pop"] == {"frames": 3, "mean": pytest.approx(np.mean(pops)), "max": pytest.approx(max(pops))}
+    again = compare_walk(dataset.path, tmp_path, WALK, options=replace(options, flip=False))
+    assert all(one["update_pop"] is one["pop"] is None for one in again["techniques"].values())
+
+
+def test_the_pops_that_are_measured_are_spread_over_the_walk_and_updates_are_none_of_switches():
+    entered = FrameTimes(0.0, "", True, False, *[0.0] * 2, None, *[0.0] * 3, 0, 0, done=Done(Work(requests=1)))
+    captured = replace(entered, entered=False)
+    idle = replace(captured, done=Done())
+    run = [idle] + 100 * [captured] + [entered] + 5 * [captured] + [idle, replace(captured, cut=True)]
+    options = CompareOptions(techniques=("multi-mesh",), fade=0.1, frames_per_second=20.0)
+    found = _popping(run, options)
+    switch = {i: event for i, event in found.items() if not event.update}
+    assert {i: event.frame for i, event in switch.items()} == {101: 101, 102: 101, 103: 101}
+    updates = sorted(i for i, event in found.items() if event.update)
+    assert len(updates) == 24
+    assert updates[0] == 1 and updates[-1] == 106
+    assert np.diff(updates).max() < 10
+    assert _popping(run, replace(options, flip=False)) == {}
