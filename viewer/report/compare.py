@@ -37,7 +37,7 @@ from viewer.report.entries import (
     technique_of,
     worst_views,
 )
-from viewer.report.held_views import HeldView, held_again, hold_view, layers_shown
+from viewer.report.held_views import HeldView, held_again, hold_view, layers_shown, settled_frames
 from viewer.report.options import CompareOptions
 from viewer.report.page import write_report
 from viewer.report.walk_scores import score_walk, spread
@@ -77,6 +77,7 @@ def compare_views(
     size = (main.camera.width, main.camera.height)
     # Timed first, in peace: comparing takes all processors.
     held: dict[str, list[HeldView]] = {entry.name: [] for entry in options.entries}
+    settled: dict[str, list[int | None]] = {entry.name: [] for entry in options.entries}
     layers: list[int] = []
     tallies: dict[str, list[FrameTally]] = {entry.name: [] for entry in options.entries}
     with (
@@ -104,6 +105,7 @@ def compare_views(
                 held[entry.name].append(found)
                 costs[entry.name] = found.costs
                 tallies[entry.name] += tallies_of(technique)
+                settled[entry.name].append(settled_frames(technique, view, found))
     compared = [entry for entry in options.entries if entry.name != REFERENCE]
     with (
         Renderer(main.mesh, main.ground, size=size, measured=True, movers=main.movers) as renderer,
@@ -122,7 +124,6 @@ def compare_views(
         tell(views, views, "views scored")
         scores = by_technique(judge.results())
         worst = worst_views(judge, [entry.name for entry in compared], out)
-    settled = {entry.name: [one.settled for one in held[entry.name]] for entry in compared}
     frames = {name: [frame for one in some for frame in one.frames] for name, some in held.items()}
     techniques = {
         entry.name: technique_of(
@@ -133,7 +134,7 @@ def compare_views(
             done=[frame.done for frame in frames[entry.name]],
             target=1.0 / options.frames_per_second,
             settling=settling_summary(settled[entry.name], layers, held=options.settle)
-            if entry.name in settled and options.settle > 1
+            if entry.name in scores and options.settle > 1
             else None,
             movers=movers_of(tallies[entry.name]),
         )

@@ -22,7 +22,7 @@ from viewer.drawing.renderer import Renderer
 from viewer.plan import Budget, CellLayers, Costs, Done, Plan, Technique
 from viewer.runtime.cost_model import CostModel
 
-__all__ = ["HeldFrame", "HeldView", "held_again", "hold_view", "layers_shown", "settled_after"]
+__all__ = ["HeldFrame", "HeldView", "held_again", "hold_view", "layers_shown", "settled_after", "settled_frames"]
 
 _PATIENT = 3600.0
 """Seconds for a frame that has time for everything."""
@@ -46,15 +46,12 @@ class HeldFrame:
     done: Done
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class HeldView:
-    """The frames of a held view, and after how many of them it had settled (:func:`settled_after`).
-
-    ``costs`` is what drawing is believed to take after the last one.
-    """
+    """The frames of a held view and their plans; ``costs`` is what drawing is believed to take after the last one."""
 
     frames: tuple[HeldFrame, ...]
-    settled: int | None
+    plans: tuple[Plan, ...]
     costs: Costs
 
 
@@ -91,9 +88,7 @@ def hold_view(
         model = model.after(picture.done, planning=planning, target=budget.frame, updates=updates)
         budget = replace(budget, costs=model.costs, done=picture.done)
     _forget(renderer, plans)
-    more = math.inf if updates > 0.0 else 0.0
-    patient = technique.plan(view, now=frames / frames_per_second, budget=replace(budget, frame=_PATIENT, updates=more))
-    return HeldView(tuple(found), settled_after(plans, patient), model.costs)
+    return HeldView(tuple(found), tuple(plans), model.costs)
 
 
 @contextmanager
@@ -115,6 +110,17 @@ def held_again(
         yield plans[-1]
     finally:
         _forget(renderer, plans)
+
+
+def settled_frames(technique: Technique, view: View, held: HeldView) -> int | None:
+    """After how many frames ``held`` had settled (:func:`settled_after`), by the technique that planned it.
+
+    It is asked for one more plan, for a frame that has time for everything; but where updates were forbidden they still are.
+    """
+    last = held.frames[-1]
+    more = math.inf if last.budget.updates > 0.0 else 0.0
+    budget = replace(last.budget, frame=_PATIENT, updates=more, costs=held.costs, done=last.done)
+    return settled_after(held.plans, technique.plan(view, now=last.time + last.budget.frame, budget=budget))
 
 
 def settled_after(plans: Sequence[Plan], patient: Plan) -> int | None:

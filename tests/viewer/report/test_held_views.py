@@ -27,7 +27,7 @@ from viewer.plan import (
     Slot,
 )
 from viewer.report.compare import CompareOptions, compare_views
-from viewer.report.held_views import held_again, hold_view, layers_shown, settled_after
+from viewer.report.held_views import held_again, hold_view, layers_shown, settled_after, settled_frames
 from viewer.scene.follower import Follower
 from viewer.techniques.catalogue import make_technique
 from viewer.walks.walk import Pose
@@ -160,9 +160,11 @@ def test_what_is_scored_was_planned_with_the_budgets_that_were_timed(scene, rend
     timed, again = Gradual(scene), Gradual(scene)
     costs = Costs(frame=0.001)
     held = hold_view(timed, renderer, cache, view, frames=6, frames_per_second=20.0, updates=0.004, costs=costs)
-    *budgets, patient = timed.budgets
+    budgets = list(timed.budgets)
+    assert settled_frames(timed, view, held) == PARTS + 1
+    patient = timed.budgets[-1]
     assert [(one.frame, one.updates) for one in budgets] == 6 * [(0.05, 0.004)]
-    assert patient.frame > 60.0 and patient.updates == math.inf
+    assert patient.frame > 60.0 and patient.updates == math.inf and patient.done == held.frames[-1].done
     assert (timed.budgets[0].costs, timed.budgets[0].done) == (costs, None)
     assert len({one.costs for one in budgets} | {held.costs}) == 7, "what frames took is learnt from"
     assert [one.done.requests.pixels > 0 for one in budgets[1:]] == [False, True, True, True, False]
@@ -175,7 +177,6 @@ def test_what_is_scored_was_planned_with_the_budgets_that_were_timed(scene, rend
         assert renderer.image(IMAGE).object_ids.max() >= 0
     assert (again.budgets, again.times) == (budgets, timed.times[:-1])
     assert all(one.same_as(other) for one, other in zip(again.plans, timed.plans[:-1], strict=True))
-    assert held.settled == PARTS + 1
 
 
 def test_nothing_that_was_captured_is_left(scene, renderer, cache):
@@ -230,8 +231,10 @@ def test_who_has_no_time_to_capture_has_not_settled(scene, renderer, cache):
             return super().plan(view, now=now, budget=budget if budget.frame > 10.0 else replace(budget, updates=0.0))
 
     view = VIEW.view(scene.camera)
-    assert hold_view(Starved(scene), renderer, cache, view, frames=4).settled is None
-    assert hold_view(Starved(scene), renderer, cache, view, frames=4, updates=0.0).settled == 0
+    for updates, after in ((math.inf, None), (0.005, None), (0.0, 0)):
+        technique = Starved(scene)
+        held = hold_view(technique, renderer, cache, view, frames=4, updates=updates)
+        assert settled_frames(technique, view, held) == after
 
 
 def test_layers_are_counted_by_sector_and_pieces_are_no_layers(scene):
