@@ -121,8 +121,8 @@ def excerpts(
 ) -> tuple[Step, ...]:
     """``count`` excerpts of ``frames`` frames each from a tour of ``metres`` at ``speed``, with cuts between them.
 
-    They are spread evenly over the tour, and their middles are the same places at every speed. Raises ValueError where the
-    streets are too short for them.
+    They are spread over the tour, with middles that the ``seed`` chooses and that are the same places at every speed. Raises
+    ValueError where the streets are too short for them.
     """
     cells = scene.whereabouts.cells
     neighbours = {entry.id: entry.neighbours for entry in scene.dataset.manifest.cells}
@@ -132,10 +132,13 @@ def excerpts(
             f"a tour of {count * frames} frames expected, found {len(steps)}: make it longer, or excerpts shorter"
         )
     found: list[Step] = []
+    end = 0
+    shares = np.random.default_rng([seed, count]).uniform(0.0, 1.0, count)
     for number in range(count):
-        middle = round((number + 0.5) / count * len(steps))
-        first = min(max(middle - frames // 2, number * frames), len(steps) - (count - number) * frames)
-        found += [replace(step, cut=step.cut or not i) for i, step in enumerate(steps[first : first + frames])]
+        middle = round((number + float(shares[number])) / count * len(steps))
+        first = min(max(middle - frames // 2, end), len(steps) - (count - number) * frames)
+        end = first + frames
+        found += [replace(step, cut=step.cut or not i) for i, step in enumerate(steps[first:end])]
     return tuple(found)
 
 
