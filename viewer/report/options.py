@@ -10,11 +10,13 @@ from typing import Any
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.plug_ins import PlugIn
 from mmi.movers.movers import NOTHING_MOVES, Movers
-from viewer.techniques.catalogue import TECHNIQUES, TechniqueEntry, find_technique
+from viewer.techniques.catalogue import TechniqueEntry, find_technique
 from viewer.techniques.virtual_frames import FrameRules
 
 __all__ = ["CompareOptions"]
 
+_USUAL = ("full", "visible", "local", "single-mesh", "multi-mesh")
+"""What is compared if nobody says; one whose pictures depend on how long a view is held has to be asked for."""
 _SAMPLES = (0, 2, 4, 8, 16)
 
 
@@ -32,7 +34,7 @@ class CompareOptions:
     techniques show by the rules of ``mover_frames``; in random views it stands as it is at ``movers_time`` seconds.
     """
 
-    techniques: tuple[str | Callable[..., Any] | PlugIn, ...] = tuple(TECHNIQUES)
+    techniques: tuple[str | Callable[..., Any] | PlugIn, ...] = _USUAL
     frames_per_second: float = 30.0
     fade: float = 0.0
     samples: int = 0

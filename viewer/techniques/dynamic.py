@@ -5,7 +5,7 @@ that for a viewer who stands still a texel is a pixel. The picture is drawn as a
 of the stored layer as long as its error angle is below both the stored layer's and the bound that the dataset was built for,
 and it covers what the view shows of the layer; when it does no longer, the stored layer is there. What fits into a frame the
 budget's costs tell: the frame that draws as it does now is predicted, and what is left of it goes to the layers of the largest
-error angles, the nearest first among equals. A layer that takes longer is captured in pieces over several frames, and
+error angles, the nearest first among equals. A layer that takes longer is captured in strips over several frames, and
 replaces what is shown when it is whole.
 
 With a budget of nothing for updates the plans are those of ``multi-mesh``.
@@ -25,14 +25,13 @@ from numpy.typing import NDArray
 from mmi.foundation.camera import View
 from mmi.foundation.errors import ParameterError
 from mmi.validity.layers import LayerParallax, layer_errors, layer_parallax
-from viewer.plan import RELIEF_QUAD, Budget, CellLayers, Costs, Draw, Ground, ImageKey, Plan, ReliefPart, Request, Slot
+from viewer.plan import RELIEF_QUAD, Budget, CellLayers, Costs, Draw, Ground, ImageKey, Plan, ReliefPart, Request
 from viewer.scene.scene import WalkScene
+from viewer.techniques.capturing import Draft, Room, fitting
 from viewer.techniques.layered import LayeredImpostors
 from viewer.techniques.updates import (
     CapturedLayer,
-    CaptureWindow,
     LayerUnit,
-    Piece,
     bounds_in,
     capture_window,
     layer_units,
@@ -43,7 +42,7 @@ __all__ = ["ORDERS", "Candidate", "DynamicImpostors"]
 
 _WORTH_PX = 0.5
 """While the viewer moves, a layer whose error angle covers fewer pixels is left as it is."""
-_MARGIN = 32
+_MARGIN = 16
 """Pixels beyond the view that a capture has, for a viewer who turns; and as much as it turns in so many frames:"""
 _FORESEEN = 8
 _WIDEST_MARGIN = 192
@@ -91,27 +90,13 @@ def _errors(some: Mapping[int, LayerParallax], view: View) -> dict[int, float]:
     return dict(zip(some, layer_errors(list(some.values()), view.eye).tolist(), strict=True))
 
 
-class _Draft(NamedTuple):
-    """What a capture would be."""
-
-    image: ImageKey
-    part: ReliefPart
-    place: CaptureWindow
-
-    def cost(self, costs: Costs) -> float:
-        """Seconds that drawing it takes, not capturing it."""
-        columns, rows = self.part.grid
-        whole = costs.of_draws(triangles=2 * columns * rows, draws=1, relief=self.part.pixels)
-        return whole - costs.frame
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pending:
-    """A capture that is not whole yet: what it will be, and pieces that are still to be drawn."""
+    """A capture that is not whole yet: what it will be, and the widths of upright strips that are still to be drawn."""
 
-    draft: _Draft
+    draft: Draft
     layer: CapturedLayer
-    left: tuple[Piece, ...]
+    strips: tuple[int, ...]
 
 
 @dataclass(slots=True, eq=False)
@@ -172,16 +157,15 @@ class DynamicImpostors:
             for i in seen
             if not (i in shown and shown[i].aligned(view)) and (still or errors[i] > self._worth)
         ]
-        margin = _MARGIN if last is None else _margin(last, view)
         predicted = self._predicted(stored, place, seen, shown, budget.costs)
         for i in sorted(shown, key=lambda i: stored_errors[i] - errors[i]):
-            if predicted <= budget.frame:
+            if still or predicted <= budget.frame:
                 break
             del shown[i]  # the stored layer takes less time
             predicted = self._predicted(stored, place, seen, shown, budget.costs)
-        requests, fresh, gone = self._update(
-            place, view, candidates, bounds, margin, predicted, budget, moves=not still
-        )
+        room = Room(budget, predicted, still=still)
+        margin = _MARGIN if last is None else _margin(last, view)
+        requests, fresh, gone = self._update(place, view, candidates, bounds, margin, room, moves=not still)
         fresh_errors = _errors({i: place.captured[i].parallax for i in fresh}, view)
         shown |= {i: place.captured[i] for i in fresh if fresh_errors[i] <= errors[i]}
         draws = _composed(stored.draws, place.units, absent, shown)
@@ -266,57 +250,46 @@ class DynamicImpostors:
         candidates: Sequence[Candidate],
         bounds: Mapping[int, NDArray[np.float64]],
         margin: int,
-        predicted: float,
-        budget: Budget,
+        room: Room,
         *,
         moves: bool,
     ) -> tuple[tuple[Request, ...], list[int], list[ImageKey]]:
-        """Requests that fit into what is left, the layers that are whole with them, and images that they replace.
-
-        The frame is ``predicted`` to take so many seconds without them.
-        """
+        """Requests for which there is ``room``, the layers that are whole with them, and images that they replace."""
         requests: list[Request] = []
         fresh: list[int] = []
         gone: list[ImageKey] = []
-        updates, frame = budget.updates, budget.frame - predicted
         for one in self._order(candidates, self._frame):
             unit, pending = place.units[one.unit], place.pending.get(one.unit)
             if pending is not None and not (pending.layer.covers(view) if moves else pending.layer.aligned(view)):
                 gone.append(place.pending.pop(one.unit).layer.image)
                 pending = None
             draft = self._drafted(unit, view, bounds[one.unit], margin) if pending is None else pending.draft
-            shown = draft.cost(budget.costs)
-            left = unit.pieces if pending is None else pending.left
-            asked, waiting, cost, least = _fitting(draft, unit, left, min(updates, frame - shown), budget.costs)
-            updates, frame = updates - cost, frame - cost
+            strips = (draft.place.window[2],) if pending is None else pending.strips
+            asked, waiting = fitting(draft, unit, strips, room)
             requests += asked
             if waiting:
                 if asked or pending is not None:
                     layer = self._captured(draft, unit, bounds[one.unit]) if pending is None else pending.layer
                     place.pending[one.unit] = _Pending(draft, layer, waiting)
-                elif least > min(budget.updates, budget.frame - predicted):  # it never fits, and others may
-                    continue
                 break
-            frame -= shown
+            room.show(draft)
             place.pending.pop(one.unit, None)
             if one.unit in place.captured:
                 gone.append(place.captured[one.unit].image)
-            place.captured[one.unit] = (
-                self._captured(draft, unit, bounds[one.unit]) if pending is None else pending.layer
-            )
-            place.asked[one.unit] = self._frame
+            layer = self._captured(draft, unit, bounds[one.unit]) if pending is None else pending.layer
+            place.captured[one.unit], place.asked[one.unit] = layer, self._frame
             fresh.append(one.unit)
         return tuple(requests), fresh, gone
 
-    def _drafted(self, unit: LayerUnit, view: View, bounds: NDArray[np.float64], margin: int) -> _Draft:
+    def _drafted(self, unit: LayerUnit, view: View, bounds: NDArray[np.float64], margin: int) -> Draft:
         """What a capture of a layer as the viewer sees it now would be."""
         place = capture_window(view, bounds, margin=margin)
         assert place is not None, "what is not in the view is no candidate"
         seen = view.cropped(place.window)
         part = ReliefPart(seen, (0, 0), max(unit.depth, 1.0), spans=spans_of(seen, bounds))
-        return _Draft(ImageKey(self.name, f"{unit.name} {self._frame}"), part, place)
+        return Draft(ImageKey(self.name, f"{unit.name} {self._frame}"), part, place)
 
-    def _captured(self, draft: _Draft, unit: LayerUnit, bounds: NDArray[np.float64]) -> CapturedLayer:
+    def _captured(self, draft: Draft, unit: LayerUnit, bounds: NDArray[np.float64]) -> CapturedLayer:
         """What is there when all of it was captured; ``bounds`` (k, 4) are those of the layer's boxes as they are seen now."""
         eye = draft.part.view.eye
         left, top, width, height = draft.place.window
@@ -324,47 +297,6 @@ class DynamicImpostors:
         boxes = unit.boxes[inside]
         nearest = np.linalg.norm(np.clip(eye, boxes[:, 0], boxes[:, 1]) - eye, axis=1).min()
         return CapturedLayer(*draft, self._seen_from(eye, boxes), float(nearest))
-
-
-def _fitting(
-    draft: _Draft, unit: LayerUnit, pieces: tuple[Piece, ...], left: float, costs: Costs
-) -> tuple[list[Request], tuple[Piece, ...], float, float]:
-    """Requests for ``pieces`` of a capture that fit into ``left`` seconds; the pieces that do not; and seconds.
-
-    The seconds are those of the requests, and those of the first one that does not fit.
-    """
-    whole = _request(draft, unit, pieces)
-    cost = 0.0 if whole is None else _cost(whole, pieces, costs)
-    if cost <= left:
-        return [] if whole is None else [whole], (), cost, 0.0
-    asked: list[Request] = []
-    spent = 0.0
-    for done, piece in enumerate(pieces):
-        request = _request(draft, unit, (piece,))
-        cost = 0.0 if request is None else _cost(request, (piece,), costs)
-        if spent + cost > left:
-            return asked, pieces[done:], spent, cost
-        spent += cost
-        asked += [] if request is None else [request]
-    return asked, (), spent, 0.0
-
-
-def _request(draft: _Draft, unit: LayerUnit, pieces: Sequence[Piece]) -> Request | None:
-    """The order to draw some pieces of a layer into its image; None where none of them is to be seen."""
-    view = draft.part.view
-    rows = np.concatenate([piece.rows for piece in pieces])
-    place = capture_window(view, bounds_in(view, unit.boxes[rows]), margin=0)
-    if place is None:
-        return None
-    left, top, width, height = view.window
-    into = Slot(draft.image, (width, height), (place.window[0] - left, place.window[1] - top))
-    return Request(into, view.cropped(place.window), tuple(piece.draw for piece in pieces), clear=False)
-
-
-def _cost(request: Request, pieces: Sequence[Piece], costs: Costs) -> float:
-    _, _, width, height = request.view.window
-    triangles = sum(piece.triangles for piece in pieces)
-    return costs.of_request(triangles=triangles, draws=len(pieces), pixels=width * height)
 
 
 def _composed(

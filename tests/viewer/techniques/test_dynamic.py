@@ -173,8 +173,41 @@ def test_where_a_frame_is_too_short_for_reliefs_the_stored_layers_are_there(scen
     technique, view = DynamicImpostors(scene), look(scene, 50.0, azimuth=busy)
     plans = walk(technique, [view] * 2, replace(Budget(), costs=FREE))
     assert reliefs(plans[1])
-    dear = technique.plan(view, now=0.1, budget=Budget(costs=FREE._replace(relief=1.0)))
-    assert not reliefs(dear) and not dear.requests and stored_names(dear)
+    dear = Budget(costs=FREE._replace(relief=1.0))
+    walks_on = technique.plan(look(scene, 50.01, azimuth=busy), now=0.1, budget=dear)
+    assert not reliefs(walks_on) and not walks_on.requests and stored_names(walks_on)
+
+
+def test_for_a_viewer_who_stands_the_picture_settles_on_a_machine_that_is_too_slow(scene, busy):
+    budget = Budget(updates=0.005, costs=FREE._replace(frame=0.1, request=0.003))
+    view = look(scene, 50.0, azimuth=busy)
+    plans = walk(DynamicImpostors(scene), [view] * 12, budget)
+    assert not plans[-1].requests and not stored_names(plans[-1])
+    moving = walk(DynamicImpostors(scene), [look(scene, 50.0 + 0.01 * i, azimuth=busy) for i in range(12)], budget)
+    assert not any(plan.requests for plan in moving[1:])
+
+
+def test_a_layer_too_large_for_a_frame_is_captured_in_strips(scene, busy):
+    view = look(scene, 50.0, azimuth=busy)
+    costs = FREE._replace(pixel=1e-6, request=1e-4)
+    for updates in (0.05, 0.02, 0.008):
+        plans = walk(DynamicImpostors(scene), [view] * 60, Budget(updates=updates, frame=1.0, costs=costs))
+        assert not plans[-1].requests and not stored_names(plans[-1])
+        images = {}
+        for plan in plans:
+            assert sum(costs.request + costs.pixel * request.pixels for request in plan.requests) <= updates
+            for request in plan.requests:
+                images.setdefault(request.into.image, []).append(request)
+        for image, requests in images.items():
+            assert len({request.into.size for request in requests}) == 1
+            spans = sorted(
+                (request.into.corner[0], request.into.corner[0] + request.view.window[2]) for request in requests
+            )
+            assert all(a[1] <= b[0] for a, b in itertools.pairwise(spans)), image
+            for request in requests:  # a strip is where it belongs in the whole
+                left, top = request.view.window[:2]
+                whole = next(r for plan in plans for r in reliefs(plan) if r.image == image).parts[0].view
+                assert request.into.corner == (left - whole.window[0], top - whole.window[1])
 
 
 def test_a_capture_is_shown_while_its_error_is_below_the_bound_and_the_stored_one(scene, busy):

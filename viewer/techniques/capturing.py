@@ -1,0 +1,107 @@
+"""What of a capture fits into a frame: what capturing a layer and showing it take, and orders for as much as there is room for.
+
+Costs are those of the budget (:class:`viewer.plan.Costs`); which layer is captured next is for ``viewer.techniques.dynamic``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from mmi.foundation.camera import View
+from viewer.plan import Budget, Costs, ImageKey, ReliefPart, Request, Slot
+from viewer.techniques.updates import CaptureWindow, LayerUnit, Piece, bounds_in, capture_window
+
+__all__ = ["Draft", "Room", "fitting"]
+
+_PROGRESS = 0.15
+"""The share of a frame's time that is left for updates at least while the viewer stands."""
+_NARROWEST = 32
+"""Texels: a capture is not cut into narrower strips."""
+
+
+class Draft(NamedTuple):
+    """What a capture would be."""
+
+    image: ImageKey
+    part: ReliefPart
+    place: CaptureWindow
+
+    def cost(self, costs: Costs) -> float:
+        """Seconds that drawing it takes, not capturing it."""
+        columns, rows = self.part.grid
+        whole = costs.of_draws(triangles=2 * columns * rows, draws=1, relief=self.part.pixels)
+        return whole - costs.frame
+
+
+class Room:
+    """What is left of a frame for updates, which is ``predicted`` to take so many seconds without.
+
+    A viewer who stands ``still`` sees the picture settle even where there is no machine for frames of that length: something
+    is always left then.
+    """
+
+    def __init__(self, budget: Budget, predicted: float, *, still: bool) -> None:
+        self.costs = budget.costs
+        self._updates = budget.updates
+        self._frame = max(budget.frame - predicted, _PROGRESS * budget.frame if still else 0.0)
+        self._free = still
+        self._most = min(self._updates, self._frame)
+
+    def fits_ever(self, cost: float, draft: Draft) -> bool:
+        """Whether there was room for a capture of that ``cost`` when the frame began."""
+        return cost <= self._most - (0.0 if self._free else draft.cost(self.costs))
+
+    def take(self, cost: float, draft: Draft) -> bool:
+        """Use it for a part of a capture; False where there is not enough, with what showing it takes."""
+        if cost > self._updates or cost > self._frame - (0.0 if self._free else draft.cost(self.costs)):
+            return False
+        self._updates -= cost
+        self._frame -= cost
+        return True
+
+    def show(self, draft: Draft) -> None:
+        """Use it to show what was captured."""
+        if not self._free:
+            self._frame -= draft.cost(self.costs)
+
+
+def fitting(
+    draft: Draft, unit: LayerUnit, strips: tuple[int, ...], room: Room
+) -> tuple[list[Request], tuple[int, ...]]:
+    """Requests for upright strips of a capture as far as there is room, and the widths of those that are left.
+
+    ``strips`` are the widths of what is to be captured, texels, the last one at the right border.
+    """
+    asked: list[Request] = []
+    left = list(strips)
+    while left:
+        right = draft.place.window[2] - sum(left[1:])
+        request, cost = _request(draft, unit, right - left[0], right, room.costs)
+        if request is None or room.take(cost, draft):
+            asked += [] if request is None else [request]
+            del left[0]
+        elif not room.fits_ever(cost, draft) and left[0] > _NARROWEST:
+            left[:1] = [left[0] - left[0] // 2, left[0] // 2]
+        else:
+            break
+    return asked, tuple(left)
+
+
+def _request(draft: Draft, unit: LayerUnit, first: int, last: int, costs: Costs) -> tuple[Request | None, float]:
+    """The order to draw what is between two columns of a capture, and its cost; None where nothing is to be seen there."""
+    left, top, width, height = draft.part.view.window
+    strip = draft.part.view.cropped((left + first, top, last - first, height))
+    chosen = [(piece, place) for piece in unit.pieces if (place := _seen(strip, unit, piece)) is not None]
+    if not chosen:
+        return None, 0.0
+    upper = min(place.window[1] for _, place in chosen)
+    lower = max(place.window[1] + place.window[3] for _, place in chosen)
+    view = strip.cropped((left + first, upper, last - first, lower - upper))
+    into = Slot(draft.image, (width, height), (first, upper - top))
+    request = Request(into, view, tuple(piece.draw for piece, _ in chosen), clear=False)
+    triangles = sum(piece.triangles for piece, _ in chosen)
+    return request, costs.of_request(triangles=triangles, draws=len(chosen), pixels=request.pixels)
+
+
+def _seen(view: View, unit: LayerUnit, piece: Piece) -> CaptureWindow | None:
+    return capture_window(view, bounds_in(view, unit.boxes[piece.rows]), margin=0)
