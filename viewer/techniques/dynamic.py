@@ -1,12 +1,12 @@
 """Impostor layers that are captured again at run time, in order of error angle, while frame time allows (paper section 5.5).
 
-What is captured again is a layer of a sector: its objects, as the viewer sees them now, through the frame's own projection, so
-that for a viewer who stands still a texel is a pixel. The picture is drawn as a relief (:class:`viewer.plan.Relief`) in place
-of the stored layer as long as its error angle is below both the stored layer's and the bound that the dataset was built for,
-and it covers what the view shows of the layer; when it does no longer, the stored layer is there. What fits into a frame the
-budget's costs tell: the frame that draws as it does now is predicted, and what is left of it goes to the layers of the largest
-error angles, the nearest first among equals. A layer that takes longer is captured in strips over several frames, and
-replaces what is shown when it is whole.
+What is captured again is a layer of a sector: its objects, whole, also those that the stored layer has never seen, through
+the frame's own projection, so that for a viewer who stands still a texel is a pixel. The picture is drawn as a relief
+(:class:`viewer.plan.Relief`) as long as its error angle is below both the stored layer's and the bound that the dataset was
+built for, and it has all that the view may show of the layer. A stored picture is drawn as long as something that it shows may be
+seen and was not captured. What fits into a frame the budget's costs tell: the frame that draws as it does now is predicted,
+and what is left of it goes to the layers of the largest error angles, the nearest first among equals. A layer that takes
+longer is captured in strips over several frames, and replaces what is shown when it is whole.
 
 With a budget of nothing for updates the plans are those of ``multi-mesh``.
 """
@@ -14,7 +14,7 @@ With a budget of nothing for updates the plans are those of ``multi-mesh``.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import NamedTuple
@@ -31,10 +31,11 @@ from viewer.techniques.capturing import Draft, Room, fitting
 from viewer.techniques.layered import LayeredImpostors
 from viewer.techniques.updates import (
     CapturedLayer,
+    CellUnits,
     LayerUnit,
     bounds_in,
     capture_window,
-    layer_units,
+    cell_units,
     spans_of,
 )
 
@@ -104,13 +105,19 @@ class _Place:
     """The cell that the viewer is in, and what was captured of its layers; units by their place in ``units``."""
 
     name: str
-    units: tuple[LayerUnit, ...]
+    cell: CellUnits
+    stored_triangles: Mapping[str, int]
     reference: NDArray[np.float64]
     near_triangles: int
     parallax: dict[int, LayerParallax]
     captured: dict[int, CapturedLayer]
     pending: dict[int, _Pending]
     asked: dict[int, int]
+
+    @property
+    def units(self) -> tuple[LayerUnit, ...]:
+        """What can be captured again."""
+        return self.cell.units
 
 
 class DynamicImpostors:
@@ -143,11 +150,9 @@ class DynamicImpostors:
         if budget.updates <= 0.0 or place is None:
             return replace(stored, drops=(*drops, *self._forget()))
         layers = next(draw for draw in stored.draws if isinstance(draw, CellLayers))
-        names = set(layers.names)
-        seen = [i for i, unit in enumerate(place.units) if not names.isdisjoint(unit.pictures)]
-        bounds = {i: bounds_in(view, place.units[i].boxes) for i in seen}
-        absent = [i for i in seen if capture_window(view, bounds[i], margin=0) is None]
-        seen = [i for i in seen if i not in absent]
+        every = np.split(bounds_in(view, place.cell.boxes), place.cell.starts[1:-1]) if place.units else []
+        bounds = {i: some for i, some in enumerate(every) if capture_window(view, some, margin=0) is not None}
+        seen = list(bounds)
         stored_errors = _errors({i: self._parallax(place, i) for i in seen}, view)
         drops += self._expire(place, view)
         shown, errors = self._valid(place, view, stored_errors)
@@ -157,18 +162,18 @@ class DynamicImpostors:
             for i in seen
             if not (i in shown and shown[i].aligned(view)) and (still or errors[i] > self._worth)
         ]
-        predicted = self._predicted(stored, place, seen, shown, budget.costs)
+        predicted = self._predicted(stored, _kept(layers, place, seen, shown), place, shown, budget.costs)
         for i in sorted(shown, key=lambda i: stored_errors[i] - errors[i]):
             if still or predicted <= budget.frame:
                 break
             del shown[i]  # the stored layer takes less time
-            predicted = self._predicted(stored, place, seen, shown, budget.costs)
+            predicted = self._predicted(stored, _kept(layers, place, seen, shown), place, shown, budget.costs)
         room = Room(budget, predicted, still=still)
         margin = _MARGIN if last is None else _margin(last, view)
         requests, fresh, gone = self._update(place, view, candidates, bounds, margin, room, moves=not still)
         fresh_errors = _errors({i: place.captured[i].parallax for i in fresh}, view)
         shown |= {i: place.captured[i] for i in fresh if fresh_errors[i] <= errors[i]}
-        draws = _composed(stored.draws, place.units, absent, shown)
+        draws = _composed(stored.draws, _kept(layers, place, seen, shown), shown)
         return replace(stored, draws=draws, requests=requests, drops=(*drops, *gone))
 
     # ------------------------------------------------------------------------------------------------ what is valid
@@ -182,7 +187,8 @@ class DynamicImpostors:
         near = [self._scene.objects[one] for one in entry.near]
         self._place = _Place(
             name=name,
-            units=layer_units(self._scene, name),
+            cell=cell_units(self._scene, name),
+            stored_triangles={one.name: one.triangles for _, one in entry.pictures},
             reference=np.array(entry.reference),
             parallax={},
             near_triangles=int(self._scene.mesh.triangle_counts[near].sum()),
@@ -231,16 +237,15 @@ class DynamicImpostors:
     # ----------------------------------------------------------------------------------------------- what is captured
 
     def _predicted(
-        self, stored: Plan, place: _Place, seen: Sequence[int], shown: Mapping[int, CapturedLayer], costs: Costs
+        self, stored: Plan, kept: CellLayers, place: _Place, shown: Mapping[int, CapturedLayer], costs: Costs
     ) -> float:
-        """Seconds that the frame is predicted to take without updates."""
-        relief = sum(one.part.pixels for one in shown.values())
-        triangles = place.near_triangles
-        for i in seen:
-            triangles += shown[i].triangles if i in shown else place.units[i].stored_triangles
+        """Seconds that the frame is predicted to take without updates; ``kept`` are stored layers that it draws."""
+        triangles = place.near_triangles + sum(place.stored_triangles[name] for name in kept.names)
+        triangles += sum(one.triangles for one in shown.values())
         for draw in stored.draws:
             if isinstance(draw, Ground):
                 triangles += int(self._scene.ground.triangle_counts[list(draw.tiles)].sum())
+        relief = sum(one.part.pixels for one in shown.values())
         return costs.of_draws(triangles=triangles, draws=_DRAWS + len(shown), relief=relief)
 
     def _update(
@@ -299,16 +304,20 @@ class DynamicImpostors:
         return CapturedLayer(*draft, self._seen_from(eye, boxes), float(nearest))
 
 
-def _composed(
-    draws: Sequence[Draw], units: Sequence[LayerUnit], absent: Sequence[int], shown: Mapping[int, CapturedLayer]
-) -> tuple[Draw, ...]:
-    """``draws`` with captured layers in the place of stored ones, the nearest first, and without those that are not seen."""
-    replaced = {name for i in (*absent, *shown) for name in units[i].pictures}
+def _kept(layers: CellLayers, place: _Place, seen: Collection[int], shown: Mapping[int, CapturedLayer]) -> CellLayers:
+    """The stored layers that are still needed: those of which something may be seen that was not captured."""
+    missing = {i for i in seen if i not in shown}
+    names = (name for name in layers.names if not missing.isdisjoint(place.cell.owners[name]))
+    return CellLayers(layers.cell, tuple(names))
+
+
+def _composed(draws: Sequence[Draw], kept: CellLayers, shown: Mapping[int, CapturedLayer]) -> tuple[Draw, ...]:
+    """``draws`` with captured layers, the nearest first, and the stored layers that are ``kept``."""
     found: list[Draw] = []
     for draw in draws:
         if isinstance(draw, CellLayers):
             found += [one.draw for one in sorted(shown.values(), key=lambda one: (one.depth, one.image))]
-            draw = CellLayers(draw.cell, tuple(name for name in draw.names if name not in replaced))
+            draw = kept
         found.append(draw)
     return tuple(found)
 

@@ -5,8 +5,7 @@ Pure geometry on boxes. Which layers are captured when is decided in ``viewer.te
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -22,11 +21,12 @@ from viewer.scene.scene import WalkScene
 __all__ = [
     "CaptureWindow",
     "CapturedLayer",
+    "CellUnits",
     "LayerUnit",
     "Piece",
     "bounds_in",
     "capture_window",
-    "layer_units",
+    "cell_units",
     "spans_of",
 ]
 
@@ -47,45 +47,76 @@ class Piece:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LayerUnit:
-    """A layer of a sector, as something that can be captured again: ``pictures`` are its names in the dataset.
+    """A layer of a sector, as something that can be captured again: objects whose middles lie in the sector.
 
-    ``boxes`` (k, 2, 3) are those of its objects, ``stored_triangles`` is what the stored layer has, ``depth`` how near it comes
-    to the reference viewpoint, metres.
+    ``boxes`` (k, 2, 3) are those of its objects, ``depth`` is how near it comes to the reference viewpoint, metres.
     """
 
     name: str
-    pictures: tuple[str, ...]
     boxes: NDArray[np.float64]
     pieces: tuple[Piece, ...]
-    stored_triangles: int
     depth: float
 
 
-def layer_units(scene: WalkScene, cell: str) -> tuple[LayerUnit, ...]:
-    """All layers of a cell, a sector after the other. Raises DatasetError where it is none of the dataset's."""
+@dataclass(frozen=True, slots=True, eq=False)
+class CellUnits:
+    """All units of a cell: each object that the cell sees far away is in one of them.
+
+    ``boxes`` (n, 2, 3) are those of all ``units``, one after the other; ``starts`` (len(units) + 1,) say where each begins.
+    ``owners`` maps each stored picture of a layer to the units, by their place, that have objects which it shows.
+    """
+
+    units: tuple[LayerUnit, ...]
+    boxes: NDArray[np.float64]
+    starts: NDArray[np.int64]
+    owners: Mapping[str, tuple[int, ...]]
+
+
+def cell_units(scene: WalkScene, cell: str) -> CellUnits:
+    """The layers of a cell, as what can be captured again. Raises DatasetError where it is none of the dataset's.
+
+    An object may show in several sectors, and counts for the one that its middle is in, whole. One that no stored picture
+    shows, since it is hidden from the reference viewpoint, joins the layer of its sector that is about as far away.
+    """
     entry = scene.dataset.cell(cell)
     far = np.array([scene.objects[one] for one in entry.far], dtype=np.int64)
-    reference = np.array(entry.reference)
+    boxes = scene.boxes[far]
+    reference, sectors = np.array(entry.reference), len(entry.layers)
+    middle = boxes.mean(axis=1) - reference if len(far) else np.empty((0, 3))
+    sector = np.rint(np.arctan2(middle[:, 1], middle[:, 0]) * sectors / (2.0 * np.pi)).astype(np.int64) % sectors
+    layer = np.full(len(far), -1, dtype=np.int64)
+    for _, one in reversed(entry.pictures):
+        layer[list(one.objects)] = one.index
+    drawn = scene.mesh.triangle_counts[far] > 0
+    _join(layer, sector, np.linalg.norm(middle, axis=1), drawn)
+    unit = np.full(len(far), -1, dtype=np.int64)
     units = []
-    for sector, pictures in enumerate(entry.layers):
-        ordered = sorted(pictures, key=lambda one: one.index)
-        for index, group in itertools.groupby(ordered, key=lambda one: one.index):
-            some = list(group)
-            objects = far[sorted({place for one in some for place in one.objects})]
-            objects = objects[scene.mesh.triangle_counts[objects] > 0]
-            name = f"s{sector}.l{index}"
-            boxes = scene.boxes[objects]
-            units.append(
-                LayerUnit(
-                    name=name,
-                    pictures=tuple(one.name for one in some),
-                    boxes=boxes,
-                    pieces=tuple(_pieces(scene, f"{scene.name} {cell} {name}", objects, reference)),
-                    stored_triangles=sum(one.triangles for one in some),
-                    depth=min(one.depth[0] for one in some),
-                )
-            )
-    return tuple(units)
+    for number, (own_sector, index) in enumerate(
+        sorted({*zip(sector[drawn].tolist(), layer[drawn].tolist(), strict=True)})
+    ):
+        chosen = np.flatnonzero(drawn & (sector == own_sector) & (layer == index))
+        unit[chosen] = number
+        name, own = f"s{own_sector}.l{index}", boxes[chosen]
+        nearest = np.linalg.norm(np.clip(reference, own[:, 0], own[:, 1]) - reference, axis=1).min()
+        pieces = tuple(_pieces(scene, f"{scene.name} {cell} {name}", far[chosen], reference))
+        units.append(LayerUnit(name, own, pieces, float(nearest)))
+    counts = [len(one.boxes) for one in units]
+    return CellUnits(
+        units=tuple(units),
+        boxes=np.concatenate([np.empty((0, 2, 3)), *(one.boxes for one in units)]),
+        starts=np.cumsum([0, *counts]),
+        owners={one.name: tuple(sorted({*unit[list(one.objects)].tolist()} - {-1})) for _, one in entry.pictures},
+    )
+
+
+def _join(
+    layer: NDArray[np.int64], sector: NDArray[np.int64], distance: NDArray[np.float64], drawn: NDArray[np.bool_]
+) -> None:
+    """Let objects of no ``layer`` (n,) join that of the object of one in the same sector which is most nearly as far away."""
+    for one in np.flatnonzero((layer < 0) & drawn).tolist():
+        others = np.flatnonzero((layer >= 0) & (sector == sector[one]))
+        if len(others):
+            layer[one] = layer[others[np.argmin(np.abs(distance[others] - distance[one]))]]
 
 
 def _pieces(scene: WalkScene, name: str, objects: NDArray[np.int64], reference: NDArray[np.float64]) -> Iterator[Piece]:

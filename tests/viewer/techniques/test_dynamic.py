@@ -13,7 +13,7 @@ from mmi.validity.layers import layer_errors, layer_parallax
 from viewer.plan import Budget, CellLayers, Costs, Objects, Relief
 from viewer.techniques.dynamic import ORDERS, Candidate, DynamicImpostors
 from viewer.techniques.layered import LayeredImpostors
-from viewer.techniques.updates import bounds_in, capture_window, layer_units
+from viewer.techniques.updates import bounds_in, capture_window, cell_units
 
 FREE = Costs(frame=0.0, draw=0.0, triangle=0.0, request=0.0, pixel=0.0, relief=0.0)
 ONE_BY_ONE = replace(Budget(), updates=1.0, frame=10.0, costs=FREE._replace(request=0.6))
@@ -91,10 +91,8 @@ def test_a_view_that_is_held_is_captured_once_through_its_own_projection(scene):
 def test_it_settles_in_no_more_frames_than_there_are_layers(scene):
     for azimuth in np.linspace(-3.0, 3.0, 9):
         view = look(scene, 50.0, azimuth=azimuth)
-        units = {
-            name.rsplit(".l")[0] + name.split(".")[1]
-            for name in stored_names(walk(LayeredImpostors(scene), [view], Budget())[0])
-        }
+        boxes = [unit.boxes for unit in cell_units(scene, "0001-01").units]
+        units = [some for some in boxes if capture_window(view, bounds_in(view, some), margin=0) is not None]
         plans = walk(DynamicImpostors(scene), [view] * 12, ONE_BY_ONE)
         assert all(len(plan.requests) <= 1 for plan in plans)
         settled = next(i for i, plan in enumerate(plans) if not plan.requests)
@@ -111,14 +109,14 @@ def test_every_relief_was_captured_by_a_request_and_dropped_once_it_is_not_neede
         there -= set(plan.drops)
         there |= {request.into.image for request in plan.requests}
         assert {relief.image for relief in reliefs(plan)} <= there
-    assert len(there) <= len(layer_units(scene, plan.place)), "no image is left behind"
+    assert len(there) <= len(cell_units(scene, plan.place).units), "no image is left behind"
 
 
 def test_the_worst_layer_is_captured_first_and_of_equals_the_nearest(scene, busy):
     view = look(scene, 57.0, 2.0, busy)  # at a corner of the cell
     technique = DynamicImpostors(scene)
     plans = walk(technique, [view] * 12, ONE_BY_ONE)
-    units = {unit.name: unit for unit in layer_units(scene, plans[0].place)}
+    units = {unit.name: unit for unit in cell_units(scene, plans[0].place).units}
     reference = np.array(scene.dataset.cell(plans[0].place).reference)
     widened = scene.camera.angle_from_pixels(16)
     order = [units[plan.requests[0].into.image.name.split()[0]] for plan in plans if plan.requests]
@@ -221,7 +219,7 @@ def test_a_capture_is_shown_while_its_error_is_below_the_bound_and_the_stored_on
             break
         eye = np.array([56.0 + step, 0.0, 1.7])
         for relief in reliefs(plan):
-            unit = next(one for one in layer_units(scene, plan.place) if one.name == relief.image.name.split()[0])
+            unit = next(one for one in cell_units(scene, plan.place).units if one.name == relief.image.name.split()[0])
             widened = scene.camera.angle_from_pixels(16)
             now = layer_errors([layer_parallax(relief.parts[0].view.eye, unit.boxes, widened=widened)], eye)[0]
             reference = np.array(scene.dataset.cell(plan.place).reference)
@@ -234,7 +232,7 @@ def test_a_capture_is_shown_while_its_error_is_below_the_bound_and_the_stored_on
 def test_a_layer_that_takes_longer_is_captured_in_pieces_and_shown_when_it_is_whole(scene, busy, monkeypatch):
     monkeypatch.setattr("viewer.techniques.updates._PIECE_TRIANGLES", 1)
     view = look(scene, 50.0, azimuth=busy)
-    units = {unit.name: unit for unit in layer_units(scene, "0001-01")}
+    units = {unit.name: unit for unit in cell_units(scene, "0001-01").units}
     assert max(len(unit.pieces) for unit in units.values()) > 1
     budget = Budget(updates=1.0, frame=1e6, costs=FREE._replace(request=0.6, draw=0.3))
     plans = walk(DynamicImpostors(scene), [view] * 40, budget)
@@ -245,9 +243,9 @@ def test_a_layer_that_takes_longer_is_captured_in_pieces_and_shown_when_it_is_wh
         for relief in reliefs(plan):
             unit = units[relief.image.name.split()[0]]
             keys = {draw.key for request in drawn[relief.image] for draw in request.draws}
-            view_of = relief.parts[0].view
+            seen_as = relief.parts[0].view
             for piece in unit.pieces:
-                seen = capture_window(view_of, bounds_in(view_of, unit.boxes[piece.rows]), margin=0)
+                seen = capture_window(seen_as, bounds_in(seen_as, unit.boxes[piece.rows]), margin=0)
                 assert (piece.draw.key in keys) == (seen is not None)
     assert any(len(some) > 1 for some in drawn.values()), "some came in pieces"
     assert not plans[-1].requests and not stored_names(plans[-1])

@@ -1,5 +1,6 @@
 """What a view shows of boxes, and what a capture covers, against points of the boxes projected one by one."""
 
+import itertools
 import math
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from mmi.foundation.camera import view_towards
 from mmi.validity.layers import layer_parallax
 from viewer.plan import RELIEF_QUAD, ImageKey, ReliefPart
-from viewer.techniques.updates import CapturedLayer, bounds_in, capture_window, layer_units, spans_of
+from viewer.techniques.updates import CapturedLayer, _join, bounds_in, capture_window, cell_units, spans_of
 
 WINDOW = (-128, -96, 256, 192)
 FOCAL = 220.0
@@ -119,19 +120,46 @@ def test_a_capture_covers_its_own_view_and_small_turns_within_its_margin():
     assert captured(view, small, 0).covers(view_from((0.0, 0.0, 1.7), 0.3)), "it is whole"
 
 
-def test_units_are_all_layers_of_a_cell_with_all_their_objects(scene, dataset):
-    entry = dataset.cell("0001-01")
-    units = layer_units(scene, "0001-01")
-    assert sorted(name for unit in units for name in unit.pictures) == sorted(one.name for _, one in entry.pictures)
-    for unit in units:
-        of = {place for _, one in entry.pictures if one.name in unit.pictures for place in one.objects}
-        objects = sorted(scene.objects[entry.far[place]] for place in of)
+@pytest.mark.parametrize("name", ["0001-01", "0000-02", "0003-03"])
+def test_every_far_object_is_in_one_unit_of_its_sector_and_its_layer(scene, dataset, name):
+    entry, cell = dataset.cell(name), cell_units(scene, name)
+    place = {scene.objects[one]: i for i, one in enumerate(entry.far)}
+    found = []
+    for unit, (first, last) in zip(cell.units, itertools.pairwise(cell.starts), strict=True):
         drawn = np.concatenate([piece.draw.objects for piece in unit.pieces])
-        assert sorted(drawn.tolist()) == objects
-        assert sorted(np.concatenate([piece.rows for piece in unit.pieces]).tolist()) == list(range(len(objects)))
-        assert sum(piece.triangles for piece in unit.pieces) == scene.mesh.triangle_counts[objects].sum()
-        np.testing.assert_array_equal(unit.boxes, scene.boxes[objects])
-    assert len({piece.draw.key for unit in units for piece in unit.pieces}) == sum(len(unit.pieces) for unit in units)
+        assert sorted(np.concatenate([piece.rows for piece in unit.pieces]).tolist()) == list(range(len(unit.boxes)))
+        assert sum(piece.triangles for piece in unit.pieces) == scene.mesh.triangle_counts[drawn].sum()
+        for piece in unit.pieces:
+            np.testing.assert_array_equal(unit.boxes[piece.rows], scene.boxes[piece.draw.objects])
+        np.testing.assert_array_equal(cell.boxes[first:last], unit.boxes)
+        found += drawn.tolist()
+        for one in drawn:
+            x, y, _ = scene.boxes[one].mean(axis=0) - entry.reference
+            sector = round(math.atan2(y, x) / (2.0 * math.pi / len(entry.layers))) % len(entry.layers)
+            listed = {picture.index for _, picture in entry.pictures if place[one] in picture.objects}
+            own_sector, own_layer = unit.name[1:].split(".l")
+            assert int(own_sector) == sector
+            assert not listed or int(own_layer) in listed
+    assert sorted(found) == sorted(place)
+    assert len({piece.draw.key for unit in cell.units for piece in unit.pieces}) == sum(
+        len(one.pieces) for one in cell.units
+    )
+
+
+def test_owners_of_a_stored_picture_have_all_that_it_shows(scene, dataset):
+    entry, cell = dataset.cell("0001-01"), cell_units(scene, "0001-01")
+    assert set(cell.owners) == {one.name for _, one in entry.pictures}
+    for _, one in entry.pictures:
+        owned = {
+            int(i) for unit in cell.owners[one.name] for piece in cell.units[unit].pieces for i in piece.draw.objects
+        }
+        assert {scene.objects[entry.far[place]] for place in one.objects} <= owned
+
+
+def test_what_no_stored_picture_shows_joins_the_layer_that_is_about_as_far():
+    layer, sector = np.array([0, 1, -1, -1, -1, 0]), np.array([0, 0, 0, 0, 1, 2])
+    _join(layer, sector, np.array([50.0, 200.0, 190.0, 60.0, 70.0, 80.0]), np.ones(6, dtype=bool))
+    assert layer.tolist() == [0, 1, 1, 0, -1, 0]
 
 
 @pytest.mark.parametrize("name", ["0001-01", "0000-02"])
@@ -140,4 +168,4 @@ def test_boxes_of_objects_hold_their_vertices(scene, name):
     for one, (first, last) in enumerate(zip(mesh.object_vertices[:-1], mesh.object_vertices[1:], strict=True)):
         points = mesh.positions[first:last]
         np.testing.assert_allclose(scene.boxes[one], [points.min(axis=0), points.max(axis=0)])
-    assert layer_units(scene, name)
+    assert cell_units(scene, name).units
