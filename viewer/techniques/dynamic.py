@@ -3,8 +3,8 @@
 What is captured again is a layer of a sector: its objects, whole, also those that the stored layer has never seen, through
 the frame's own projection, so that for a viewer who stands still a texel is a pixel. The picture is drawn as a relief
 (:class:`viewer.plan.Relief`) as long as its error angle is below both the stored layer's and the bound that the dataset was
-built for, and it has all that the view may show of the layer. A stored picture is drawn as long as something that it shows may be
-seen and was not captured. What fits into a frame the budget's costs tell: the frame that draws as it does now is predicted,
+built for, and it has all that the view may show of the layer. A stored picture is drawn as long as something that it shows may
+be seen and was not captured. What fits into a frame the budget's costs tell: the frame that draws as it does now is predicted,
 and what is left of it goes to the layers of the largest error angles, the nearest first among equals. A layer that takes
 longer is captured in strips over several frames, and replaces what is shown when it is whole.
 
