@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from mmi.city.model import TriangleMesh
@@ -55,6 +56,8 @@ class Movers:
     source: str = "movers"
     boxes: _Floats = field(init=False)
     """(n, 2, 3) the lowest and the highest corner of each object's shape in its own frame, metres."""
+    reach: _Floats = field(init=False)
+    """(n,) metres from the origin of each object's frame to the farthest point of its shape."""
 
     def __post_init__(self) -> None:
         n, k = len(self.ids), len(self.times)
@@ -69,7 +72,9 @@ class Movers:
         self._check_poses()
         ends = [(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for mesh in self.meshes]
         object.__setattr__(self, "boxes", np.array(ends, dtype=np.float64).reshape(-1, 2, 3)[self.kinds])
-        for one in (*arrays, self.boxes):
+        far = [float(np.linalg.norm(mesh.vertices, axis=1).max()) for mesh in self.meshes]
+        object.__setattr__(self, "reach", np.array(far, dtype=np.float64)[self.kinds])
+        for one in (*arrays, self.boxes, self.reach):
             one.setflags(write=False)
 
     def _check_names(self) -> None:
@@ -125,30 +130,46 @@ class Movers:
         """(n,) which objects are in the city at ``time`` (seconds)."""
         return self.stays | ((self.times[self.starts[:-1]] <= time) & (time <= self.times[self.starts[1:] - 1]))
 
-    def poses(self, time: float) -> _Floats:
-        """(n, 4, 4) world_from_model of every object at ``time`` (seconds), whether it is there (:meth:`present`) or not.
+    def places(self, time: float) -> _Floats:
+        """(n, 3) where the origin of every object's frame is at ``time`` (seconds), as :meth:`poses` has it."""
+        before, after, share = self._moment(time, self.starts[:-1], self.starts[1:])
+        return np.asarray(self.positions[before] + share * (self.positions[after] - self.positions[before]))
 
-        Between two poses positions move on a straight line at constant speed, and each angle the short way round. Before its
-        first pose an object stands in that one, after its last one in the last.
+    def poses(self, time: float, which: NDArray[np.int64] | None = None) -> _Floats:
+        """(k, 4, 4) world_from_model of the objects ``which`` (k,) at ``time`` (seconds), there (:meth:`present`) or not.
+
+        None stands for all. Between two poses positions move on a straight line at constant speed, and each angle the short way
+        round. Before its first pose an object stands in that one, after its last one in the last.
         """
-        low, high = self.starts[:-1].copy(), self.starts[1:] - 1
-        last = high.copy()
-        while (low < high).any():  # in all tracks at once: the last pose that is not after ``time``
-            middle = (low + high + 1) // 2
-            passed = self.times[middle] <= time
-            low, high = np.where(passed, middle, low), np.where(passed, high, middle - 1)
-        following = np.minimum(low + 1, last)
-        spent = self.times[following] - self.times[low]
-        share = np.clip((time - self.times[low]) / np.where(spent > 0.0, spent, 1.0), 0.0, 1.0)[:, None]
-        moved = self.positions[following] - self.positions[low]
-        turned = self.angles[following] - self.angles[low]
+        firsts, ends = self.starts[:-1], self.starts[1:]
+        if which is not None:
+            firsts, ends = firsts[which], ends[which]
+        before, after, share = self._moment(time, firsts, ends)
+        turned = self.angles[after] - self.angles[before]
         turned -= 2.0 * np.pi * np.rint(turned / (2.0 * np.pi))
-        return pose_matrices(self.positions[low] + share * moved, self.angles[low] + share * turned)
+        places = self.positions[before] + share * (self.positions[after] - self.positions[before])
+        return pose_matrices(places, self.angles[before] + share * turned)
 
-    def corners(self, poses: _Floats) -> _Floats:
-        """(n, 8, 3) the corners of each object's box in the world, metres, for ``poses`` (n, 4, 4)."""
+    def _moment(
+        self, time: float, firsts: NDArray[np.int64], ends: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], _Floats]:
+        """Of tracks from ``firsts`` (k,) to ``ends`` (k,): the poses before and after ``time``, and the share (k, 1) of the
+        way from one to the other.
+        """
+        before = _last_before(self.times, firsts, ends, time)
+        after = np.minimum(before + 1, ends - 1)
+        spent = self.times[after] - self.times[before]
+        return (
+            before,
+            after,
+            np.clip((time - self.times[before]) / np.where(spent > 0.0, spent, 1.0), 0.0, 1.0)[:, None],
+        )
+
+    def corners(self, poses: _Floats, which: NDArray[np.int64] | None = None) -> _Floats:
+        """(k, 8, 3) the corners of the boxes of ``which`` (k,) objects in the world, metres, for ``poses`` (k, 4, 4)."""
+        boxes = self.boxes if which is None else self.boxes[which]
         pick = np.array([[(k >> axis) & 1 for axis in range(3)] for k in range(8)], dtype=bool)
-        own = np.where(pick, self.boxes[:, None, 1], self.boxes[:, None, 0])
+        own = np.where(pick, boxes[:, None, 1], boxes[:, None, 0])
         return np.asarray(own @ np.swapaxes(poses[:, :3, :3], 1, 2) + poses[:, None, :3, 3])
 
     def in_frame(self, *, crs: str, origin: Sequence[float]) -> Movers:
@@ -182,6 +203,24 @@ def distances(eye: _Floats, poses: _Floats, boxes: _Floats) -> _Floats:
     """(n,) metres from ``eye`` (3,) to each of ``boxes`` (n, 2, 3), which ``poses`` (n, 4, 4) move into the world; 0 inside."""
     own = ((eye - poses[:, :3, 3])[:, None, :] @ poses[:, :3, :3])[:, 0]
     return np.asarray(np.linalg.norm(np.maximum(np.maximum(boxes[:, 0] - own, own - boxes[:, 1]), 0.0), axis=1))
+
+
+@njit(cache=True)
+def _last_before(
+    times: NDArray[np.float64], firsts: NDArray[np.int64], ends: NDArray[np.int64], time: float
+) -> NDArray[np.int64]:
+    """(k,) the last pose of each track that is not after ``time``, or its first, by halving."""
+    found = np.empty(len(firsts), dtype=np.int64)
+    for i in range(len(found)):
+        low, high = firsts[i], ends[i] - 1
+        while low < high:
+            middle = (low + high + 1) // 2
+            if times[middle] <= time:
+                low = middle
+            else:
+                high = middle - 1
+        found[i] = low
+    return found
 
 
 def _is_text(text: str) -> bool:

@@ -24,11 +24,10 @@ def thinned(movers: Movers, *, metres: float) -> Movers:
 
     Angles count as the arcs that the shape's farthest point describes. First and last poses stay.
     """
-    reach = np.array([np.linalg.norm(mesh.vertices, axis=1).max() for mesh in movers.meshes])
     kept = np.zeros(len(movers.times), dtype=bool)
     for i, (start, end) in enumerate(itertools.pairwise(movers.starts.tolist())):
         turned = np.unwrap(movers.angles[start:end], axis=0)
-        rows = np.column_stack([movers.positions[start:end], turned * reach[movers.kinds[i]]])
+        rows = np.column_stack([movers.positions[start:end], turned * movers.reach[i]])
         kept[start:end] = _needed(movers.times[start:end], rows, turned, metres)
     counts = np.add.reduceat(kept, movers.starts[:-1]) if movers.ids else np.zeros(0, dtype=np.int64)
     return replace(

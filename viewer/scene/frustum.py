@@ -7,7 +7,10 @@ from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 
-__all__ = ["box_corners", "window_corners", "within_view"]
+__all__ = ["box_corners", "spheres_within_view", "window_corners", "within_view"]
+
+_ROUNDING = 1e-9
+"""Metres."""
 
 
 def within_view(corners: NDArray[np.float64], view: View) -> NDArray[np.bool_]:
@@ -18,15 +21,29 @@ def within_view(corners: NDArray[np.float64], view: View) -> NDArray[np.bool_]:
     """
     if not len(corners):
         return np.zeros(0, dtype=bool)
+    eye = corners @ view.eye_from_world[:3, :3].T + view.eye_from_world[:3, 3]
+    inside = eye @ _sides(view).T >= 0.0  # (n, k, sides)
+    return np.asarray(np.all(np.any(inside, axis=1), axis=1))
+
+
+def spheres_within_view(centres: NDArray[np.float64], radii: NDArray[np.float64], view: View) -> NDArray[np.bool_]:
+    """(n,) which spheres around ``centres`` (n, 3) with ``radii`` (n,), metres, may show in ``view``; cheaper than hulls.
+
+    False only where a sphere lies beyond one side of the view's pyramid.
+    """
+    sides = _sides(view)
+    eye = centres @ view.eye_from_world[:3, :3].T + view.eye_from_world[:3, 3]
+    beyond = -(eye @ (sides / np.linalg.norm(sides, axis=1, keepdims=True)).T)  # metres
+    return np.asarray(np.all(beyond <= radii[:, None] + _ROUNDING, axis=1))
+
+
+def _sides(view: View) -> NDArray[np.float64]:
+    """(5, 3): a point of the eye's frame, where z is negative ahead, is inside where its product with none is negative."""
     left, top, width, height = view.window
     f = view.focal
-    # A point (x, y, z) of the eye's frame, z negative ahead, is inside where all of these are not negative.
-    sides = np.array(
+    return np.array(
         [[f, 0.0, left], [-f, 0.0, -(left + width)], [0.0, -f, top], [0.0, f, -(top + height)], [0.0, 0.0, -1.0]]
     )
-    eye = corners @ view.eye_from_world[:3, :3].T + view.eye_from_world[:3, 3]
-    inside = eye @ sides.T >= 0.0  # (n, k, sides)
-    return np.asarray(inside.any(axis=1).all(axis=1))
 
 
 def box_corners(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 from mmi.movers.movers import Movers, distances
-from viewer.scene.frustum import within_view
+from viewer.scene.frustum import spheres_within_view, within_view
 
 __all__ = ["SeenMovers", "movers_in"]
 
@@ -32,10 +32,10 @@ def movers_in(view: View, movers: Movers, time: float) -> SeenMovers:
 
     None that shows is left out; a few are kept whose boxes pass by a corner of the picture.
     """
-    poses = movers.poses(time)
-    corners = movers.corners(poses)
-    which = np.flatnonzero(movers.present(time) & within_view(corners, view))
-    away = distances(view.eye, poses[which], movers.boxes[which])
-    order = np.lexsort((which, away))
-    which = which[order]
-    return SeenMovers(which, poses[which], corners[which], away[order])
+    which = np.flatnonzero(movers.present(time) & spheres_within_view(movers.places(time), movers.reach, view))
+    poses = movers.poses(time, which)
+    corners = movers.corners(poses, which)
+    away = distances(view.eye, poses, movers.boxes[which])
+    kept = np.flatnonzero(within_view(corners, view))
+    order = kept[np.lexsort((which[kept], away[kept]))]
+    return SeenMovers(which[order], poses[order], corners[order], away[order])

@@ -42,7 +42,7 @@ _AHEAD = 0.5
 """Metres of depth that all of an object must have to be captured."""
 _UPDATES = 0.25
 """The share of a frame's time that captures take at most."""
-_MOST_FRAMES = 10_000
+_MOST_FRAMES = 1_000
 _SAFE = Depths()
 """Nothing is known of what is hidden: any two points of an object on one ray may stand for each other."""
 
@@ -139,6 +139,7 @@ class VirtualFrames:
         self._pictures: dict[int, _Picture] = {}
         self._eyes, self._sizes, self._safe = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
         self._until, self._shown = np.full(n, -1, dtype=np.int64), np.full(n, -1, dtype=np.int64)
+        self._pixels = np.zeros(n, dtype=np.int64)
         self._last: tuple[float, NDArray[np.float64]] | None = None
         self._frame = 0
         self._triangles = np.array([len(mesh.triangles) for mesh in movers.meshes], dtype=np.int64)[movers.kinds]
@@ -162,7 +163,7 @@ class VirtualFrames:
         costs = budget.costs
         shapes = len(np.unique(self._movers.kinds[geometry.which]))
         drawing = costs.draw * (shapes + len(reliefs)) + costs.triangle * int(self._triangles[geometry.which].sum())
-        drawing += costs.relief * sum(relief.pixels for relief in reliefs)
+        drawing += costs.relief * int(self._pixels[seen.which[images]].sum())
         draws = ((geometry,) if shapes else ()) + reliefs
         return Chosen(tuple(fresh.values()), draws, updating, drawing)
 
@@ -173,7 +174,7 @@ class VirtualFrames:
         ahead = np.asarray((uv[..., 2] > _AHEAD).all(axis=1))
         pixels = np.where(ahead[:, None, None], uv[..., :2], 0.0)
         low, high = pixels.min(axis=1), pixels.max(axis=1)
-        moved = seen.poses @ _inverses(self._movers.poses(before)[seen.which])
+        moved = seen.poses @ _inverses(self._movers.poses(before, seen.which))
         eyes = relative_viewpoint(seen.poses, view.eye)
         return _Now(eyes, moved, view.eye, view.eye - eye, low, high, np.hypot(*(high - low).T), ahead)
 
@@ -244,6 +245,7 @@ class VirtualFrames:
             self._pictures[one] = picture
             self._eyes[one], self._sizes[one] = now.eyes[here], now.sizes[here]
             self._safe[one], self._until[one] = safe[i], self._frame + int(frames[i])
+            self._pixels[one] = pixels[i]
             slot = Slot(self._image, (_ATLAS, _ATLAS), place.corner)
             requests[here] = Request(slot, picture.view, (Moving(which[i : i + 1], seen.poses[here][None]),))
         return requests, float(cost[[int(np.flatnonzero(places == here)[0]) for here in requests]].sum())

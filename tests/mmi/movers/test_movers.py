@@ -168,7 +168,7 @@ def test_nothing_that_moves_is_fine():
 )
 def test_what_does_not_fit_is_refused(change, said):
     good = movers_of([[(0.0, 0, 0, 0, 0)], [(0.0, 0, 0, 0, 0), (SHORTEST, 0, 0, 0, 0)]], ids=("a", "b"))
-    fields = {name: getattr(good, name) for name in Movers.__slots__ if name != "boxes"}
+    fields = {name: getattr(good, name) for name in Movers.__slots__ if name not in ("boxes", "reach")}
     Movers(**fields)
     with pytest.raises(ParameterError, match=said):
         Movers(**(fields | change))

@@ -2,11 +2,11 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mmi.foundation.camera import level_view, view_towards
-from viewer.scene.frustum import box_corners, window_corners, within_view
+from viewer.scene.frustum import box_corners, spheres_within_view, window_corners, within_view
 
 WINDOW = (-160, -120, 320, 240)
 coordinate = st.floats(-60.0, 60.0)
@@ -47,3 +47,28 @@ def test_a_window_is_seen_from_where_it_was_captured_and_not_from_behind():
     assert sorted(projected[:, 2].tolist()) == pytest.approx([20.0] * 4 + [50.0] * 4)
     assert within_view(corners[None], captured).all()
     assert not within_view(corners[None], level_view(np.zeros(3), math.pi, focal=277.0, window=WINDOW)).any()
+
+
+@settings(max_examples=100)
+@given(
+    st.tuples(*[st.floats(-30.0, 30.0)] * 3),
+    st.floats(0.0, 8.0),
+    st.tuples(*[st.floats(-1.0, 1.0)] * 3),
+    st.floats(-3.0, 3.0),
+    st.floats(-1.2, 1.2),
+)
+def test_a_sphere_of_which_a_point_shows_is_kept(centre, radius, aside, azimuth, pitch):
+    view = view_towards(np.array([1.0, 2.0, 1.7]), azimuth, pitch, focal=300.0, window=(-160, -100, 320, 200))
+    length = max(float(np.linalg.norm(aside)), 1e-9)
+    point = np.array(centre) + radius * np.array(aside) / max(length, 1.0)
+    u, v, depth = view.project(point)
+    shows = depth > 0.0 and abs(u) <= 160.0 and abs(v) <= 100.0
+    kept = spheres_within_view(np.array([centre]), np.array([radius]), view)[0]
+    assert kept or not shows
+
+
+def test_spheres_behind_and_aside_are_left_out():
+    view = view_towards(np.zeros(3), 0.0, 0.0, focal=300.0, window=(-160, -100, 320, 200))
+    centres = np.array([[20.0, 0, 0], [-20.0, 0, 0], [20.0, 15.0, 0], [20.0, 0, -9.0]])
+    assert spheres_within_view(centres, np.full(4, 1.0), view).tolist() == [True, False, False, False]
+    assert spheres_within_view(centres, np.full(4, 30.0), view).all()

@@ -258,7 +258,7 @@ def test_without_rules_all_are_geometry_and_at_a_time_they_stand():
         ({"limit_px": 0.0}, "limit_px: 0.01 to 100 expected, found 0.0"),
         ({"limit_px": math.nan}, "limit_px"),
         ({"calculation": "best"}, "calculation: one of predictive, common expected, found 'best'"),
-        ({"least_frames": 0}, "least_frames: 1 to 10000 expected"),
+        ({"least_frames": 0}, "least_frames: 1 to 1000 expected"),
         ({"nearest": -1.0}, "nearest"),
         ({"coarsest": 0.5}, "coarsest"),
     ],

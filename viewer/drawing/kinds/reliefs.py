@@ -16,6 +16,7 @@ pixel, and nothing is filtered.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import moderngl
@@ -153,11 +154,13 @@ class ReliefsDrawer:
             self._parts = self._context.texture((2 * width, 2 * height), 4, dtype="f4")
             self._parts.filter = (moderngl.NEAREST, moderngl.NEAREST)
         values = np.zeros((height, 4 * width), dtype="<f4")
+        values[:, : 4 * _TEXELS] = _rows(draw.parts, view)
+        values[:, 4 * _TEXELS + 1 :: 2] = np.array([part.view.window[3] for part in draw.parts])[:, None]  # all of it
         for row, part in zip(values, draw.parts, strict=True):
-            row[: 4 * _TEXELS] = _row(part, view)
-            spans = _node_spans(part)
-            row[4 * _TEXELS : 4 * _TEXELS + spans.size] = spans.ravel()
-            row[4 * _TEXELS + spans.size :] = np.resize(spans[-1], 4 * width - 4 * _TEXELS - spans.size)
+            if part.spans is not None:
+                spans = _node_spans(part.spans)
+                row[4 * _TEXELS : 4 * _TEXELS + spans.size] = spans.ravel()
+                row[4 * _TEXELS + spans.size :] = np.resize(spans[-1], 4 * width - 4 * _TEXELS - spans.size)
         self._parts.write(values.tobytes(), viewport=(0, 0, width, height))
         return self._parts
 
@@ -179,20 +182,24 @@ class ReliefsDrawer:
         return found[1]
 
 
-def _row(part: ReliefPart, view: View) -> NDArray[np.float64]:
-    """(20,) what the shaders need to know of a part."""
-    world_from_capture = part.view.world_from_eye if part.moved is None else part.moved @ part.view.world_from_eye
-    eye_from_capture = view.eye_from_world @ world_from_capture
-    left, top, width, height = part.view.window
-    return np.concatenate(
-        [eye_from_capture[:3].ravel(), [part.view.focal, left, top, part.filling], [*part.corner, width, height]]
-    )
+def _rows(parts: Sequence[ReliefPart], view: View) -> NDArray[np.float64]:
+    """(n, 20) what the shaders need to know of each part, of all at once: there may be hundreds."""
+    rows = np.empty((len(parts), 4 * _TEXELS))
+    captures = np.array([part.view.eye_from_world for part in parts])
+    world_from_capture = np.tile(np.eye(4), (len(parts), 1, 1))
+    world_from_capture[:, :3, :3] = np.swapaxes(captures[:, :3, :3], 1, 2)
+    world_from_capture[:, :3, 3] = -(world_from_capture[:, :3, :3] @ captures[:, :3, 3:])[..., 0]
+    for i, part in enumerate(parts):
+        left, top, width, height = part.view.window
+        rows[i, 12:] = part.view.focal, left, top, part.filling, *part.corner, width, height
+        if part.moved is not None:
+            world_from_capture[i] = part.moved @ world_from_capture[i]
+    rows[:, :12] = (view.eye_from_world @ world_from_capture)[:, :3].reshape(-1, 12)
+    return rows
 
 
-def _node_spans(part: ReliefPart) -> NDArray[np.int64]:
+def _node_spans(spans: NDArray[np.int64]) -> NDArray[np.int64]:
     """(columns + 1, 2) where columns of nodes begin and end: as far as either of the two columns of quads beside them."""
-    columns, _ = part.grid
-    spans = np.tile([[0, part.view.window[3]]], (columns, 1)) if part.spans is None else part.spans
     nodes = np.pad(spans, ((1, 1), (0, 0)), mode="edge")
     return np.column_stack([np.minimum(nodes[:-1, 0], nodes[1:, 0]), np.maximum(nodes[:-1, 1], nodes[1:, 1])])
 
