@@ -5,6 +5,7 @@ Pure geometry on boxes. Which layers are captured when is decided in ``viewer.te
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -180,19 +181,17 @@ def _bounds(boxes: NDArray[np.float64], eye_from_world: NDArray[np.float64], foc
 
 def capture_window(view: View, bounds: NDArray[np.float64], *, margin: int) -> CaptureWindow | None:
     """What shows boxes of ``bounds`` (k, 4) in ``view``, as far as ``margin`` pixels beyond it; None where nothing does."""
-    x, y, right, bottom, whole = _window(bounds, view.window, margin)
+    x, y, right, bottom, whole, extent = _window(bounds, view.window, margin)
     if right - x < 1.0 or bottom - y < 1.0:
         return None
-    low, high = np.nanmin(bounds[:, :2], axis=0), np.nanmax(bounds[:, 2:], axis=0)
-    window = (int(x), int(y), int(right - x), int(bottom - y))
-    return CaptureWindow(window, (*low.tolist(), *high.tolist()), bool(whole))
+    return CaptureWindow((int(x), int(y), int(right - x), int(bottom - y)), extent, bool(whole))
 
 
 @njit(cache=True, error_model="numpy")
 def _window(
     bounds: NDArray[np.float64], window: tuple[int, int, int, int], margin: int
-) -> tuple[float, float, float, float, bool]:
-    """Left, top, right, bottom of the window, nothing where they cross; and whether nothing lies outside of it."""
+) -> tuple[float, float, float, float, bool, tuple[float, float, float, float]]:
+    """Left, top, right, bottom of the window, nothing where they cross; whether nothing lies outside; and of all boxes."""
     left, top, right, bottom, whole = np.inf, np.inf, -np.inf, -np.inf, True
     for k in range(len(bounds)):
         if np.isnan(bounds[k, 0]):
@@ -205,7 +204,7 @@ def _window(
     first_x, first_y = max(np.floor(left) - 1.0, inner_x), max(np.floor(top) - 1.0, inner_y)
     last_x, last_y = min(np.ceil(right) + 1.0, outer_x), min(np.ceil(bottom) + 1.0, outer_y)
     whole = whole and left >= first_x and top >= first_y and right <= last_x and bottom <= last_y
-    return first_x, first_y, last_x, last_y, whole
+    return first_x, first_y, last_x, last_y, whole, (left, top, right, bottom)
 
 
 def spans_of(view: View, bounds: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -278,27 +277,68 @@ class CapturedLayer:
         """Whether it has all of the layer that ``view`` may show; never true in vain."""
         if self.place.whole:
             return True
-        left, top, width, height = view.window
-        mine = self.place.window
-        if self.aligned(view):
-            low, high = np.array([left, top], dtype=float), np.array([left + width, top + height], dtype=float)
-        else:
-            u = left + width * np.array([0.0, 0.5, 1.0, 1.0, 1.0, 0.5, 0.0, 0.0])
-            v = top + height * np.array([0.0, 0.0, 0.0, 0.5, 1.0, 1.0, 1.0, 0.5])
-            rays = np.stack([u / view.focal, -v / view.focal, -np.ones(8)], axis=1)
-            turned = rays @ view.eye_from_world[:3, :3] @ self.view.eye_from_world[:3, :3].T
-            if (turned[:, 2] > -1e-3).any():
-                return False
-            at = self.view.focal * turned[:, :2] / -turned[:, 2:] * np.array([1.0, -1.0])
-            # What is seen at the edge of the view is seen elsewhere by as much as the eye has moved.
-            moved = float(np.linalg.norm(view.eye - self.view.eye))
-            edge = float(np.hypot(at, self.view.focal).max()) / self.view.focal
-            shift = self.view.focal * edge * edge * moved / max(self.depth - moved, 1e-3)
-            low, high = at.min(axis=0) - shift, at.max(axis=0) + shift
-        low = np.maximum(low, self.place.bounds[:2])
-        high = np.minimum(high, self.place.bounds[2:])
-        if (low >= high).any():
-            return True
-        return bool(
-            low[0] >= mine[0] and low[1] >= mine[1] and high[0] <= mine[0] + mine[2] and high[1] <= mine[1] + mine[3]
+        low_x, low_y, high_x, high_y = _reach(
+            self.view.eye_from_world,
+            self.view.focal,
+            view.eye_from_world,
+            view.focal,
+            view.window,
+            self.depth,
+            self.aligned(view),
         )
+        if not math.isfinite(low_x):
+            return False
+        left, top, right, bottom = self.place.bounds
+        low_x, low_y, high_x, high_y = max(low_x, left), max(low_y, top), min(high_x, right), min(high_y, bottom)
+        if low_x >= high_x or low_y >= high_y:
+            return True
+        x, y, width, height = self.place.window
+        return low_x >= x and low_y >= y and high_x <= x + width and high_y <= y + height
+
+
+@njit(cache=True, error_model="numpy")
+def _reach(
+    captured: NDArray[np.float64],
+    focal: float,
+    seen: NDArray[np.float64],
+    seen_focal: float,
+    window: tuple[int, int, int, int],
+    depth: float,
+    aligned: bool,
+) -> tuple[float, float, float, float]:
+    """Left, top, right, bottom of what a view of ``window`` shows, in the image plane of a capture, pixels.
+
+    Both are told by their ``eye_from_world``; what was captured is ``depth`` metres from where it was, or more. Infinite where
+    the view may show what lies beside the capture's eye or behind it. ``aligned``: both look the same way from the same place.
+    """
+    left, top = float(window[0]), float(window[1])
+    width, height = float(window[2]), float(window[3])
+    if aligned:
+        return left, top, left + width, top + height
+    low_x, low_y, high_x, high_y, edge = np.inf, np.inf, -np.inf, -np.inf, focal
+    for k in range(9):
+        if k == 4:
+            continue
+        x, y = (left + 0.5 * width * (k % 3)) / seen_focal, -(top + 0.5 * height * (k // 3)) / seen_focal
+        u, v, w = 0.0, 0.0, 0.0  # the ray in the frame of the capture
+        for i in range(3):
+            world = x * seen[0, i] + y * seen[1, i] - seen[2, i]
+            u += captured[0, i] * world
+            v += captured[1, i] * world
+            w += captured[2, i] * world
+        if w > -1e-3:
+            return -np.inf, -np.inf, np.inf, np.inf
+        u, v = focal * u / -w, focal * v / w
+        low_x, low_y, high_x, high_y = min(low_x, u), min(low_y, v), max(high_x, u), max(high_y, v)
+        edge = max(edge, np.hypot(u, focal), np.hypot(v, focal))
+    moved = 0.0
+    for i in range(3):
+        one, other = 0.0, 0.0
+        for j in range(3):
+            one -= captured[j, i] * captured[j, 3]
+            other -= seen[j, i] * seen[j, 3]
+        moved += (one - other) ** 2
+    moved = np.sqrt(moved)
+    # What is seen at the edge of the view is seen elsewhere by as much as the eye has moved.
+    shift = focal * (edge / focal) ** 2 * moved / max(depth - moved, 1e-3)
+    return low_x - shift, low_y - shift, high_x + shift, high_y + shift

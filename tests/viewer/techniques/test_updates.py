@@ -108,6 +108,49 @@ def test_what_covers_a_view_has_every_point_that_it_shows(boxes, azimuth, turn, 
     assert ((u >= x - 1e-6) & (u <= x + w + 1e-6) & (v >= y - 1e-6) & (v <= y + h + 1e-6)).all()
 
 
+def covers_plainly(layer, view):
+    """``CapturedLayer.covers`` with arrays."""
+    if layer.place.whole:
+        return True
+    left, top, width, height = view.window
+    x, y, w, h = layer.place.window
+    if layer.aligned(view):
+        low, high = np.array([left, top], dtype=float), np.array([left + width, top + height], dtype=float)
+    else:
+        u = left + width * np.array([0.0, 0.5, 1.0, 1.0, 1.0, 0.5, 0.0, 0.0])
+        v = top + height * np.array([0.0, 0.0, 0.0, 0.5, 1.0, 1.0, 1.0, 0.5])
+        rays = np.stack([u / view.focal, -v / view.focal, -np.ones(8)], axis=1)
+        turned = rays @ view.eye_from_world[:3, :3] @ layer.view.eye_from_world[:3, :3].T
+        if (turned[:, 2] > -1e-3).any():
+            return False
+        at = layer.view.focal * turned[:, :2] / -turned[:, 2:] * np.array([1.0, -1.0])
+        moved = float(np.linalg.norm(view.eye - layer.view.eye))
+        edge = float(np.hypot(at, layer.view.focal).max()) / layer.view.focal
+        shift = layer.view.focal * edge * edge * moved / max(layer.depth - moved, 1e-3)
+        low, high = at.min(axis=0) - shift, at.max(axis=0) + shift
+    low, high = np.maximum(low, layer.place.bounds[:2]), np.minimum(high, layer.place.bounds[2:])
+    if (low >= high).any():
+        return True
+    return bool(low[0] >= x and low[1] >= y and high[0] <= x + w and high[1] <= y + h)
+
+
+@settings(deadline=None)
+@given(
+    box_sets(),
+    st.floats(-3.1, 3.1),
+    st.one_of(st.floats(-0.3, 0.3), st.floats(-3.1, 3.1)),
+    st.floats(-0.5, 0.5),
+    st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0)),
+    st.integers(0, 64),
+)
+def test_what_is_compiled_says_the_same_of_what_is_covered(boxes, azimuth, turn, pitch, step, margin):
+    before = view_from((1.0, 2.0, 1.7), azimuth)
+    after = view_from((1.0 + step[0], 2.0 + step[1], 1.7), azimuth + turn, pitch)
+    layer = captured(before, boxes, margin)
+    for view in (before, after) if layer is not None else ():
+        assert layer.covers(view) == covers_plainly(layer, view)
+
+
 def test_a_capture_covers_its_own_view_and_small_turns_within_its_margin():
     boxes = np.array([[[20.0, -40.0, 0.0], [30.0, 40.0, 15.0]]])  # wider than the view
     view = view_from((0.0, 0.0, 1.7), 0.0)
