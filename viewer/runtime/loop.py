@@ -52,12 +52,12 @@ class Painter(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FrameTimes:
-    """One frame of a walk: seconds ``total``, of which ``drawing``, ``uploading`` cells ahead and ``waiting`` for cells.
+    """One frame of a walk: seconds ``total``, of which ``planning``, ``drawing``, ``uploading`` cells ahead and ``waiting``.
 
     ``gpu`` is what the GPU says of the drawing. ``entered``: the viewer is in another cell than in the last frame.
-    ``loading`` is what a walk waits for before its first frame and where it is cut, as behind a loading screen: its cell and
-    the one that it will most likely come to next; no part of ``total``. ``planning`` is a part of it, the making of the plan,
-    which was told ``budget``; ``done`` says what the plan's requests and what its draws took of ``drawing``.
+    ``planning`` is the making of the plan, which was told ``budget``; ``done`` says what the plan's requests and what its draws
+    took of ``drawing``. ``loading`` is what a walk waits for before its first frame and where it is cut, as behind a loading
+    screen: the plan, its cell and the one that it will most likely come to next; no part of ``total``, nor of ``planning``.
     """
 
     time: float
@@ -151,7 +151,10 @@ class FrameLoop:
             plan = self._technique.plan(view, now=time, budget=budget)
             self._cache.want(plan.cells, plan.ahead)
             planned = clock.perf_counter() - start
-            loading = self._cache.require((*plan.cells, *plan.ahead[:1]), counted=False) if cut else 0.0
+            loading = 0.0
+            if cut:
+                loading = planned + self._cache.require((*plan.cells, *plan.ahead[:1]), counted=False)
+                planned = 0.0
             waiting = self._cache.require(plan.cells)
             picture = self._painter.draw(plan, view, read=read)
             spent = planned + waiting + picture.seconds
