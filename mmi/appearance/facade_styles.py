@@ -7,7 +7,7 @@ except for the shadows that small reliefs throw. ``mmi.appearance.facades`` stac
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,13 +33,15 @@ class Style:
     """A kind of building.
 
     ``wall`` paints (height, WIDTH, 3) from a generator and a height; ``storey`` and ``ground`` paint a cell from a
-    generator, the row (0 is the ground floor) and the bay.
+    generator, the row (0 is the ground floor) and the bay. ``panes`` are rectangles of glass (from and to row, from and to
+    column) in the cells of upper storeys.
     """
 
     name: str
     wall: _Surface
     storey: _Painter
     ground: _Painter
+    panes: tuple[tuple[int, int, int, int], ...] = ()
 
 
 def noise(rng: np.random.Generator, height: int, size: int, *, width: int = WIDTH) -> NDArray[np.float32]:
@@ -396,10 +398,18 @@ def _glass_ground(cell: FloatImage, rng: np.random.Generator, row: int, bay: int
     _fill(cell, 61, 64, 0, 64, (120, 122, 124))
 
 
+def _grid(rows: Sequence[tuple[int, int]], columns: Sequence[tuple[int, int]]) -> tuple[tuple[int, int, int, int], ...]:
+    """A pane in each of ``rows`` and ``columns`` (from, to)."""
+    return tuple((*row, *column) for row in rows for column in columns)
+
+
+_SASHES = ((22, 31), (33, 42))
+"""Columns of panes on both sides of a window's upright."""
+
 STYLES = (
-    Style("stucco", _stucco_wall, _stucco_storey, _stucco_ground),
-    Style("brick", _brick_wall, _brick_storey, _brick_ground),
-    Style("concrete", _concrete_wall, _concrete_storey, _concrete_ground),
-    Style("glass", _glass_wall, _glass_storey, _glass_ground),
+    Style("stucco", _stucco_wall, _stucco_storey, _stucco_ground, _grid(((16, 24), (25, 36), (37, 47)), _SASHES)),
+    Style("brick", _brick_wall, _brick_storey, _brick_ground, _grid(((18, 32), (37, 50)), _SASHES)),
+    Style("concrete", _concrete_wall, _concrete_storey, _concrete_ground, _grid(((18, 41),), ((2, 20), (44, 63)))),
+    Style("glass", _glass_wall, _glass_storey, _glass_ground, _grid(((4, 38),), ((3, 32), (35, 64)))),
 )
 """The styles of the atlas, from its top."""

@@ -26,6 +26,7 @@ __all__ = [
     "TEXTURE_SIZE",
     "blind_strip",
     "facade_texture",
+    "glass_of",
     "ground_texture",
     "roof_strip",
     "storey_v",
@@ -74,6 +75,26 @@ def facade_texture() -> NDArray[np.uint8]:
         top = _stack(atlas, top, picture)
     atlas.setflags(write=False)
     return atlas
+
+
+def glass_of(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(h, w): 255 where a city's ``texture`` (h, w, 3) shows glass of painted facades, else 0.
+
+    Only the windows of upper storeys count, and none of the city's own pictures.
+    """
+    facade = facade_texture()
+    height, width = facade.shape[:2]
+    glass = np.zeros(texture.shape[:2], dtype=np.uint8)
+    repeats, left = divmod(texture.shape[1], width)
+    if len(texture) < height or left or not np.array_equal(texture[:height, :width], facade):
+        return glass
+    for i, style in enumerate(STYLES):
+        for row in range(1, ROWS):
+            top = i * _BAND + _PAD + (ROWS - 1 - row) * CELL
+            for y0, y1, x0, x1 in style.panes:
+                for left in range(0, repeats * width, CELL):
+                    glass[top + y0 : top + y1, left + x0 : left + x1] = 255
+    return glass
 
 
 def ground_texture() -> NDArray[np.uint8]:

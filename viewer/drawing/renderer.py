@@ -62,7 +62,8 @@ class Renderer:
     """One city in one OpenGL context, drawing pictures of one size. Use as a context manager.
 
     ``measured`` keeps what measuring needs (object ids of layers). ``samples``: multisampling of unmeasured pictures.
-    ``movers`` are what moves in the city, in its frame; plans say where they are.
+    ``movers`` are what moves in the city, in its frame; plans say where they are. With ``glint``, windows of painted facades
+    mirror the sun wherever geometry is drawn, into images as well.
     Raises CaptureError where no OpenGL context can be had.
     """
 
@@ -75,6 +76,7 @@ class Renderer:
         measured: bool = False,
         samples: int = 0,
         movers: Movers | None = None,
+        glint: bool = False,
     ) -> None:
         self._context = open_context()
         try:
@@ -83,7 +85,7 @@ class Renderer:
                     raise CaptureError(f"at most {self._context.max_samples} samples a pixel here, found {samples}")
                 self.device = str(self._context.info["GL_RENDERER"])
                 """Name of what draws (``llvmpipe ...`` is software)."""
-                self._prepare(mesh, ground, size, measured, samples, movers)
+                self._prepare(mesh, ground, size, measured, samples, movers, glint)
         except BaseException:
             self._context.release()
             raise
@@ -96,6 +98,7 @@ class Renderer:
         measured: bool,
         samples: int,
         movers: Movers | None,
+        glint: bool,
     ) -> None:
         context = self._context
         self.size, self.measured = size, measured
@@ -107,7 +110,8 @@ class Renderer:
         meshes = MeshProgram.made_by(self._programs)
         self._sky = SkyDrawer(self._programs)
         self._ground = GroundDrawer(context, meshes, ground)
-        self._objects = ObjectsDrawer(context, meshes, mesh)
+        shining = MeshProgram.made_by(self._programs, glint=True) if glint else meshes
+        self._objects = ObjectsDrawer(context, shining, mesh)
         self._layers = LayersDrawer(self._programs, self._images, measured=measured)
         self._reliefs = ReliefsDrawer(self._programs, self._images)
         self._moving = MovingDrawer(

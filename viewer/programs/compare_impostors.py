@@ -110,6 +110,11 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         help="milliseconds of each frame that captures at run time may take at most; 0 forbids them (default: what is left of "
         "the frame)",
     )
+    frames.add_argument(
+        "--glint",
+        action="store_true",
+        help="let windows of painted facades mirror a low sun: stored pictures cannot show that, those captured at run time do",
+    )
     walks = parser.add_argument_group("walks")
     walks.add_argument("--speed", type=float, default=5.0, metavar="M/S", help="speed of a tour (default: %(default)g)")
     walks.add_argument(
@@ -202,6 +207,7 @@ def _compare(options: argparse.Namespace) -> None:
             frames_per_second=options.fps,
             settle=1 if options.settle is None else options.settle,
             budget_ms=options.budget_ms,
+            glint=options.glint,
             fade=options.fade,
             samples=options.antialias,
             cache=round(1e6 * options.cache),

@@ -81,7 +81,9 @@ def compare_views(
     layers: list[int] = []
     tallies: dict[str, list[FrameTally]] = {entry.name: [] for entry in options.entries}
     with (
-        Renderer(main.mesh, main.ground, size=size, samples=options.samples, movers=main.movers) as renderer,
+        Renderer(
+            main.mesh, main.ground, size=size, samples=options.samples, movers=main.movers, glint=options.glint
+        ) as renderer,
         cell_cache(scenes, renderer, capacity=options.cache) as cache,
     ):
         device = renderer.device
@@ -108,7 +110,7 @@ def compare_views(
                 settled[entry.name].append(settled_frames(technique, view, found))
     compared = [entry for entry in options.entries if entry.name != REFERENCE]
     with (
-        Renderer(main.mesh, main.ground, size=size, measured=True, movers=main.movers) as renderer,
+        Renderer(main.mesh, main.ground, size=size, measured=True, movers=main.movers, glint=options.glint) as renderer,
         cell_cache(scenes, renderer, measured=True, capacity=options.cache) as cache,
         Judge(main, renderer, cache, keep=options.keep, flip=options.flip, workers=options.workers) as judge,
     ):
@@ -179,7 +181,9 @@ def compare_walk(
     frames = len(options.entries) * len(steps)
     for number, entry in enumerate(options.entries):
         with (
-            Renderer(main.mesh, main.ground, size=size, samples=options.samples, movers=main.movers) as renderer,
+            Renderer(
+                main.mesh, main.ground, size=size, samples=options.samples, movers=main.movers, glint=options.glint
+            ) as renderer,
             cell_cache(scenes, renderer, capacity=options.cache) as cache,
         ):
             technique = make_technique(entry, scenes, fade=options.fade, frames=options.mover_frames)

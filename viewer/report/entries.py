@@ -80,6 +80,7 @@ def report_of(
         "frames_per_second": options.frames_per_second,
         "budget_ms": options.budget_ms if math.isfinite(options.budget_ms) else None,
         "movers": _movers_told(scene, options, mode),
+        "glint": options.glint,
         "techniques": techniques,
         "ratios": {
             name: {other: rate[name] / rate[other] if other in rate else None for other in ("full", "visible", "local")}

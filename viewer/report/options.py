@@ -31,7 +31,8 @@ class CompareOptions:
     ``flip`` that measure, by far the slowest, is left out; ``video`` is the suffix of a film of the walk; ``settle`` frames for
     which each random view is held, the last of which is scored; ``budget_ms`` milliseconds of a frame that updates may take at
     most: infinity leaves them what the frame leaves, 0 forbids them; ``movers`` is what moves in the city, which layered
-    techniques show by the rules of ``mover_frames``; in random views it stands as it is at ``movers_time`` seconds.
+    techniques show by the rules of ``mover_frames``; in random views it stands as it is at ``movers_time`` seconds. ``glint``:
+    windows of painted facades mirror the sun.
     """
 
     techniques: tuple[str | Callable[..., Any] | PlugIn, ...] = _USUAL
@@ -49,6 +50,7 @@ class CompareOptions:
     movers: Movers = NOTHING_MOVES
     mover_frames: FrameRules = field(default_factory=FrameRules)
     movers_time: float = 0.0
+    glint: bool = False
     entries: tuple[TechniqueEntry, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:

@@ -140,6 +140,8 @@ def _summary(report: Mapping[str, Any]) -> str:
         views += f", among {counted(report['movers']['objects'], 'moving object')} ({report['movers']['source']})"
     if report["budget_ms"] is not None:
         views += f", with at most {plain(report['budget_ms'])} ms of a frame for updates"
+    if report.get("glint"):
+        views += ", while windows mirror the sun,"
     size = f"{display['width']}\N{NO-BREAK SPACE}×\N{NO-BREAK SPACE}{display['height']}"
     return escape(
         f"This page compares {listed} with {report['reference']}, which draws all of the geometry, in {views}, at "

@@ -80,7 +80,13 @@ def score_walk(
     size = (main.camera.width, main.camera.height)
     with (
         Renderer(
-            main.mesh, main.ground, size=size, measured=True, samples=options.samples, movers=main.movers
+            main.mesh,
+            main.ground,
+            size=size,
+            measured=True,
+            samples=options.samples,
+            movers=main.movers,
+            glint=options.glint,
         ) as renderer,
         cell_cache(scenes, renderer, measured=True, capacity=options.cache) as cache,
         Judge(main, renderer, cache, keep=options.keep, flip=options.flip, workers=options.workers) as judge,

@@ -12,6 +12,7 @@ from mmi.appearance.facades import (
     TEXTURE_SIZE,
     blind_strip,
     facade_texture,
+    glass_of,
     ground_texture,
     roof_strip,
     storey_v,
@@ -107,3 +108,30 @@ def test_the_ground_texture_is_a_seamless_light_grey():
     assert 220 < texture.mean() < 240
     across = np.abs(texture[0] - texture[-1]).mean()
     assert across < 1.5 * np.abs(np.diff(texture, axis=0)).mean()
+
+
+def test_glass_is_in_the_windows_of_upper_storeys_alone(atlas):
+    """Panes are darker than walls, if those are not of glass too; blind walls, roofs and ground floors have none."""
+    glass = glass_of(atlas) > 0
+    assert glass.shape == atlas.shape[:2]
+    bands = np.zeros(len(atlas), dtype=bool)
+    for style in STYLES:
+        upper = slice(texel_row(storey_v(style, ROWS)), texel_row(storey_v(style, 1)))
+        bands[upper] = True
+        inside = glass[upper]
+        assert 0.05 < inside.mean() < 0.7
+        colors = atlas[upper].astype(float)
+        if ALL_STYLES[style].name == "glass":
+            assert not inside[:, ::32].any() and not inside[:, 1::32].any(), "uprights"
+        else:
+            assert colors[inside].mean() < 0.9 * colors[~inside].mean()
+    assert not glass[~bands].any()
+
+
+def test_glass_is_found_in_wider_atlases_and_in_no_picture_of_a_city_s_own(atlas):
+    beside = np.full((200, 1024, 3), 250, dtype=np.uint8)
+    glass = glass_of(np.vstack([np.hstack([atlas, atlas]), beside]))
+    assert np.array_equal(glass[:4096, :512], glass_of(atlas)) and np.array_equal(glass[:4096, 512:], glass_of(atlas))
+    assert not glass[4096:].any()
+    assert not glass_of(beside).any()
+    assert not glass_of(np.full_like(atlas, 250)).any()

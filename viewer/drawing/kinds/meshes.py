@@ -1,7 +1,13 @@
-"""Textured meshes on the GPU: a vertex buffer for each, and an index buffer for each set of objects that is drawn together."""
+"""Textured meshes on the GPU: a vertex buffer for each, and an index buffer for each set of objects that is drawn together.
+
+With ``GLINT``, panes of painted facades mirror a low sun: what a pixel shows depends on the eye, as nothing else here does. A
+mirror on an upright wall shows the sun at the height at which it stands, so that one above the roofs would be seen in the
+uppermost windows of near houses only.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.appearance.city_mesh import CityMesh, triangles_of
+from mmi.appearance.facades import glass_of
+from mmi.appearance.shading import SUN
 from viewer.drawing.programs import Program, Programs
 
 __all__ = ["GROUND_ID", "DrawnMesh", "MeshProgram", "Triangles"]
@@ -21,10 +29,18 @@ _MOST_TRIANGLES = 6_000_000
 """Sets of objects are kept as index buffers while they have no more triangles together, of 12 bytes each. A walk meets a new
 set in every cell, and one that captures layers again some for each layer, of few triangles."""
 _MOST_SETS = 1024
+_GLINT_HEIGHT = math.radians(6.0)
+"""How high the sun that panes mirror stands, in the direction of the sun that lights the city."""
 _VERTEX = """
 in vec3 position; in vec2 uv; in vec3 color; in int object;
 out vec2 at; out vec3 tint; flat out int which; out float depth;
+#ifdef GLINT
+out vec3 ray;          // from the eye, in the city's frame
+#endif
 void main() {
+#ifdef GLINT
+    ray = position - eye;
+#endif
     vec3 p = eye_from_world * (position - eye);
     at = uv; tint = color; which = object; depth = -p.z;
     gl_Position = project(p);
@@ -33,8 +49,19 @@ void main() {
 _FRAGMENT = """
 uniform sampler2D picture;
 in vec2 at; in vec3 tint; flat in int which; in float depth;
+#ifdef GLINT
+in vec3 ray;
+uniform vec3 low_sun;  // towards it
+const float SHARPNESS = 40.0;  // half as bright 11 degrees off
+const vec3 GLOW = vec3(1.0, 0.86, 0.55);
+#endif
 void main() {
-    color_out = vec4(texture(picture, at, -0.75).rgb * tint, 1.0);
+    vec4 texel = texture(picture, at, -0.75);
+    color_out = vec4(texel.rgb * tint, 1.0);
+#ifdef GLINT
+    vec3 mirrored = reflect(normalize(ray), normalize(cross(dFdx(ray), dFdy(ray))));  // whichever way the normal points
+    color_out.rgb = min(color_out.rgb + texel.a * pow(max(dot(mirrored, low_sun), 0.0), SHARPNESS) * GLOW, vec3(1.0));
+#endif
 #ifdef MEASURED
     id_out = which; surface_out = vec2(depth, -1.0);
 #endif
@@ -58,14 +85,20 @@ class Triangles:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshProgram:
-    """The program that draws all meshes, made once."""
+    """A program that draws meshes, made once; with ``glint`` one that lets panes of facades mirror the sun."""
 
     programs: Mapping[bool, Program]
+    glint: bool
 
     @classmethod
-    def made_by(cls, programs: Programs) -> MeshProgram:
+    def made_by(cls, programs: Programs, *, glint: bool = False) -> MeshProgram:
         """Compile the program."""
-        return cls(programs.make(_VERTEX, _FRAGMENT))
+        made = programs.make(_VERTEX, _FRAGMENT, flags=("GLINT",) if glint else ())
+        along = SUN[:2] / np.linalg.norm(SUN[:2]) * math.cos(_GLINT_HEIGHT)
+        low_sun = np.array([*along, math.sin(_GLINT_HEIGHT)], dtype="<f4")
+        for one in made.values():
+            one.set({"low_sun": low_sun.tobytes()})
+        return cls(made, glint)
 
 
 class DrawnMesh:
@@ -78,7 +111,8 @@ class DrawnMesh:
         vertices["position"], vertices["uv"] = mesh.positions, mesh.uv
         vertices["color"][:, :3], vertices["object"] = mesh.colors, ids
         self._vertices = context.buffer(vertices.tobytes())
-        self._texture = self._upload_texture(mesh.texture)
+        texture = np.dstack([mesh.texture, glass_of(mesh.texture)]) if program.glint else mesh.texture
+        self._texture = self._upload_texture(texture)
         self._sets: dict[object, Triangles] = {}
         self._held = 0
 
