@@ -24,7 +24,8 @@ def test_requests_and_draws_are_counted_apart(scene):
         Request(Slot(KEY, SIZE, (32, 24)), part, (some, Sky())),
         Request(Slot(ImageKey("test", "two"), SIZE), view, (relief,)),
     )
-    grids = 2 * (2 * 8 * 6)  # the larger part's grid for both
+    columns, rows = relief.parts[0].grid
+    grids = 2 * (2 * columns * rows)  # the larger part's grid for both
     with Renderer(scene.mesh, scene.ground, size=SIZE) as renderer:
         whole = renderer.draw(Plan((relief, some, Sky()), requests=requests), view)
         again = renderer.draw(Plan((relief, some, Sky())), view)
