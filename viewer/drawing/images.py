@@ -19,7 +19,7 @@ from viewer.plan import ImageKey, Slot
 
 __all__ = ["CapturedPixels", "Image", "Images"]
 
-_SPARE = 32 << 20
+_SPARE = 4 << 20
 """Texels of dropped images that are kept for others at most."""
 _STEP = 64
 """Images have room for sizes that are whole multiples of this, so that sizes that change a little need no new room."""
