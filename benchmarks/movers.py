@@ -70,8 +70,8 @@ def main() -> None:
     }
     first = len(scene.mesh.triangle_counts)
     size = (scene.camera.width, scene.camera.height)
-    errors = {name: np.zeros((len(steps), 3), dtype=int) for name in variants}
-    of_images = {name: np.zeros(3, dtype=int) for name in variants}
+    errors = {name: np.zeros((len(steps), 4), dtype=int) for name in variants}
+    of_images = {name: np.zeros(4, dtype=int) for name in variants}
     drawn = {name: np.zeros(len(steps)) for name in variants}
     planned = {name: np.zeros(len(steps)) for name in variants}
     options.out.mkdir(parents=True, exist_ok=True)
@@ -156,14 +156,15 @@ def _without(picture: DrawnPicture, solid: list[np.ndarray]) -> DrawnPicture:
 def _told(
     errors: np.ndarray, of_images: np.ndarray, drawn: np.ndarray, planned: np.ndarray, technique: WithMovers
 ) -> dict[str, float | None]:
-    truth, missing, surplus = errors.sum(axis=0).tolist()
+    truth, missing, surplus, hidden = errors.sum(axis=0).tolist()
     tally = technique.tally
     return {
         "mover_pixels": truth,
         "missing_share": missing / max(truth, 1),
         "surplus_share": surplus / max(truth, 1),
+        "hidden_share": hidden / max(truth, 1),
         "images_pixels": int(of_images[0]),
-        "images_wrong_share": int(of_images[1:].sum()) / max(int(of_images[0]), 1),
+        "images_wrong_share": int(of_images[1:3].sum()) / max(int(of_images[0]), 1),
         "frames_with_surplus": int((errors[:, 2] > 0).sum()),
         "most_surplus_px": int(errors[:, 2].max()),
         "geometry": tally.geometry / tally.frames,
@@ -176,13 +177,24 @@ def _told(
 
 
 def _print(report: dict[str, dict[str, float | None]]) -> None:
-    heads = ("missing %", "surplus %", "images %", "geometry", "captured", "reused", "valid", "draw ms", "plan ms")
+    heads = (
+        "missing %",
+        "surplus %",
+        "hidden %",
+        "images %",
+        "geometry",
+        "captured",
+        "reused",
+        "valid",
+        "draw ms",
+        "plan ms",
+    )
     print(f"{'':28}" + "".join(f"{head:>10}" for head in heads))
     for name, one in report.items():
         valid = "-" if one["valid_frames"] is None else f"{one['valid_frames']:.1f}"
         print(
             f"{name:28}{100 * one['missing_share']:10.3f}{100 * one['surplus_share']:10.3f}"
-            f"{100 * one['images_wrong_share']:10.3f}{one['geometry']:10.1f}"
+            f"{100 * one['hidden_share']:10.4f}{100 * one['images_wrong_share']:10.3f}{one['geometry']:10.1f}"
             f"{one['captured']:10.2f}{one['reused']:10.1f}{valid:>10}{one['draw_ms']:10.2f}{one['plan_ms']:10.2f}"
         )
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_opening
 
 from viewer.drawing.drawn_picture import DrawnPicture
 
@@ -19,12 +20,14 @@ __all__ = ["MoverErrors", "mover_errors"]
 
 class MoverErrors(NamedTuple):
     """Pixels: ``truth`` shows movers in so many, ``missing`` of them lack their mover in the technique's picture, which shows
-    one in ``surplus`` pixels where the geometry shows another or none; those within a rim count in neither.
+    one in ``surplus`` pixels where the geometry shows another or none; those within a rim count in neither. ``hidden`` of the
+    surplus show movers that the geometry hides altogether, in regions that are thicker than the rim.
     """
 
     truth: int
     missing: int
     surplus: int
+    hidden: int
 
     @property
     def share(self) -> float:
@@ -42,7 +45,8 @@ def mover_errors(truth: DrawnPicture, shown: DrawnPicture, *, first: int, rim: i
         raise ValueError("two measured pictures expected, found one without object ids")
     one, other = (np.where(ids >= first, ids, -1) for ids in (truth.object_ids, shown.object_ids))
     missing, surplus = (one >= 0) & ~_around(one, other, rim), (other >= 0) & ~_around(other, one, rim)
-    return MoverErrors(int((one >= 0).sum()), int(missing.sum()), int(surplus.sum()))
+    hidden = binary_opening((other >= 0) & ~np.isin(other, one), np.ones((rim + 1, rim + 1)))
+    return MoverErrors(int((one >= 0).sum()), int(missing.sum()), int(surplus.sum()), int(hidden.sum()))
 
 
 def _around(ids: NDArray[np.int32], other: NDArray[np.int32], rim: int) -> NDArray[np.bool_]:

@@ -43,14 +43,15 @@ def stripe(start, end, width=40, mover=FIRST, around=3):
 @pytest.mark.parametrize(
     ("truth", "shown", "errors"),
     [
-        (stripe(10, 20), stripe(10, 20), (80, 0, 0)),
-        (stripe(10, 20), stripe(12, 22), (80, 0, 0)),  # all within the rim
-        (stripe(10, 20), stripe(13, 23), (80, 8, 8)),
-        (stripe(10, 20), stripe(10, 20, around=7), (80, 0, 0)),  # what is behind does not matter
-        (stripe(10, 20), stripe(0, 0), (80, 80, 0)),
-        (stripe(0, 0), stripe(10, 20), (0, 0, 80)),
-        (stripe(10, 20), stripe(10, 20, mover=FIRST + 1), (80, 80, 80)),
-        (stripe(0, 5), stripe(35, 40), (40, 40, 40)),  # the other side of the picture is far
+        (stripe(10, 20), stripe(10, 20), (80, 0, 0, 0)),
+        (stripe(10, 20), stripe(12, 22), (80, 0, 0, 0)),  # all within the rim
+        (stripe(10, 20), stripe(13, 23), (80, 8, 8, 0)),
+        (stripe(10, 20), stripe(10, 20, around=7), (80, 0, 0, 0)),  # what is behind does not matter
+        (stripe(10, 20), stripe(0, 0), (80, 80, 0, 0)),
+        (stripe(0, 0), stripe(10, 20), (0, 0, 80, 80)),
+        (stripe(0, 0), stripe(10, 12), (0, 0, 16, 0)),  # it comes into sight a little early
+        (stripe(10, 20), stripe(10, 20, mover=FIRST + 1), (80, 80, 80, 80)),
+        (stripe(0, 5), stripe(35, 40), (40, 40, 40, 0)),  # the other side of the picture is far
     ],
 )
 def test_pixels_count_beyond_a_rim(truth, shown, errors):
@@ -95,7 +96,7 @@ def test_movers_are_right_in_layers_and_vanish_behind_far_buildings(moving_scene
     rules = FrameRules(calculation=calculation, nearest=10.0, thrifty=False)
     technique, full = make_technique(name, scenes, frames=rules), make_technique("full", scenes)
     camera = moving_scene.camera
-    total = np.zeros(3, dtype=int)
+    total = np.zeros(4, dtype=int)
     seen, images = set(), 0
     with (
         Renderer(
@@ -117,8 +118,9 @@ def test_movers_are_right_in_layers_and_vanish_behind_far_buildings(moving_scene
             seen |= set(np.unique(shown.object_ids[shown.object_ids >= first]).tolist())
             images += (shown.object_ids[np.isfinite(shown.displacement)] >= first).sum()
             assert first + 4 not in shown.object_ids
-    pixels, missing, surplus = total.tolist()
+    pixels, missing, surplus, hidden = total.tolist()
     assert seen == {first, first + 1, first + 2, first + 3, first + 5}
     assert images > 0.2 * pixels, "most of what is far is an image"
     assert pixels > 5000
     assert (missing + surplus) <= 0.01 * pixels
+    assert hidden == 0
