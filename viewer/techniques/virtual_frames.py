@@ -29,11 +29,13 @@ from viewer.plan import Budget, Draw, ImageKey, Moving, Relief, ReliefPart, Requ
 from viewer.scene.movers_seen import SeenMovers
 from viewer.techniques.slots import Place, Slots
 
-__all__ = ["CALCULATIONS", "Chosen", "FrameRules", "FrameTally", "VirtualFrames"]
+__all__ = ["CALCULATIONS", "LARGEST", "Chosen", "FrameRules", "FrameTally", "VirtualFrames"]
 
 CALCULATIONS = ("predictive", "common")
+LARGEST = (64, 128, 256, 512)
 _Calculation = Literal["predictive", "common"]
-_ATLAS, _PAGE, _LEAST = 1024, 128, 16
+_ATLAS, _LEAST = 1024, 16
+"""Texels a side: of the image that holds all pictures, or four times the largest where that is more, and of a place in it."""
 _MARGIN = 1
 """Texels around what is captured, so that filters meet nothing there."""
 _SHRUNK = 0.5
@@ -53,7 +55,8 @@ class FrameRules:
 
     ``limit_px``: pixels that an image may be wrong by. ``calculation``: one of ``CALCULATIONS``. ``least_frames``: a capture is
     predicted to be shown in so many frames after its own at least. ``nearest``: objects closer than so many metres are
-    geometry. ``coarsest``: a picture may be magnified so much. ``thrifty``: only what is predicted to save time is captured.
+    geometry. ``coarsest``: a picture may be magnified so much. ``largest``: objects are geometry whose picture would have more
+    texels a side, one of ``LARGEST``. ``thrifty``: only what is predicted to save time is captured.
     """
 
     limit_px: float = 1.0
@@ -61,11 +64,14 @@ class FrameRules:
     least_frames: int = 2
     nearest: float = 15.0
     coarsest: float = 1.2
+    largest: int = 128
     thrifty: bool = True
 
     def __post_init__(self) -> None:
         if self.calculation not in CALCULATIONS:
             raise ParameterError(f"calculation: one of {', '.join(CALCULATIONS)} expected, found {self.calculation!r}")
+        if self.largest not in LARGEST:
+            raise ParameterError(f"largest: one of {', '.join(map(str, LARGEST))} expected, found {self.largest!r}")
         for name, least, most in (
             ("limit_px", 0.01, 100.0),
             ("least_frames", 1, _MOST_FRAMES),
@@ -135,7 +141,8 @@ class VirtualFrames:
         self._movers, self._rules = movers, rules
         self._limit = camera.angle_from_pixels(rules.limit_px)
         self._image = ImageKey(owner, "movers")
-        self._slots = Slots(size=_ATLAS, page=_PAGE, least=_LEAST)
+        self._size = max(_ATLAS, 4 * rules.largest)
+        self._slots = Slots(size=self._size, page=rules.largest, least=_LEAST)
         self._pictures: dict[int, _Picture] = {}
         self._eyes, self._sizes, self._safe = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
         self._until, self._shown = np.full(n, -1, dtype=np.int64), np.full(n, -1, dtype=np.int64)
@@ -210,7 +217,7 @@ class VirtualFrames:
         places = places[now.ahead[places] & (seen.distances[places] >= self._rules.nearest)]
         low = np.floor(now.low[places]).astype(np.int64) - _MARGIN
         sizes = np.ceil(now.high[places]).astype(np.int64) + _MARGIN - low
-        fits = sizes.max(axis=1, initial=0) <= _PAGE
+        fits = sizes.max(axis=1, initial=0) <= self._rules.largest
         places, low, sizes = places[fits], low[fits], sizes[fits]
         which, costs = seen.which[places], budget.costs
         safe = safe_distance(now.eyes[places], self._movers.boxes[which], _SAFE, self._limit)
@@ -246,7 +253,7 @@ class VirtualFrames:
             self._eyes[one], self._sizes[one] = now.eyes[here], now.sizes[here]
             self._safe[one], self._until[one] = safe[i], self._frame + int(frames[i])
             self._pixels[one] = pixels[i]
-            slot = Slot(self._image, (_ATLAS, _ATLAS), place.corner)
+            slot = Slot(self._image, (self._size, self._size), place.corner)
             requests[here] = Request(slot, picture.view, (Moving(which[i : i + 1], seen.poses[here][None]),))
         return requests, float(cost[[int(np.flatnonzero(places == here)[0]) for here in requests]].sum())
 

@@ -261,6 +261,7 @@ def test_without_rules_all_are_geometry_and_at_a_time_they_stand():
         ({"least_frames": 0}, "least_frames: 1 to 1000 expected"),
         ({"nearest": -1.0}, "nearest"),
         ({"coarsest": 0.5}, "coarsest"),
+        ({"largest": 100}, "largest: one of 64, 128, 256, 512 expected, found 100"),
     ],
 )
 def test_rules_without_meaning_are_refused(change, said):
