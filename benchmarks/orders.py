@@ -11,7 +11,7 @@ with the geometry's, and their mean over time is the area under the error curve 
     wrong %          pixels that show another object; *beyond* are those that no pixel around explains (resampling)
     thickness px     of the thickest wrong region
     displaced px     how far surfaces are off, the mean over all pixels, exact ones included
-    MSE              of colours, in 8-bit steps squared; with --flip also FLIP
+    FLIP, MSE        of colours; MSE in 8-bit steps squared
 
 Intervals hold 95 of 100 means of resampled excerpts. *Better* says for how many of the excerpts an order has the lower error
 than by error angle, and for how many the higher.
@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 from walks import excerpts, mean_interval
 
 from mmi.dataset.reading import open_dataset
+from mmi.foundation.camera import View
 from mmi.foundation.thickness import thickness
 from mmi.inspection.figures import SMALL, new_figure, save, tidy
 from viewer.cells.cell_cache import CellCache
@@ -43,10 +44,11 @@ from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.view_errors import beyond_resampling, flip_map, wrong_regions
-from viewer.plan import Budget, Costs, Plan
+from viewer.plan import Budget, Costs, Plan, ReliefPart
 from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import MAIN, make_technique
 from viewer.techniques.dynamic import ORDERS, DynamicImpostors
+from viewer.techniques.updates import bounds_in, capture_window, spans_of
 from viewer.walks.random_views import random_views
 from viewer.walks.walk import Step
 
@@ -63,12 +65,13 @@ class Errors(NamedTuple):
     beyond: float
     thick: float
     displaced: float
+    flip: float
     mse: float
-    flip: float | None
 
 
-MEASURES = ("wrong %", "beyond %", "thickness px", "displaced px", "MSE", "FLIP")
+MEASURES = ("wrong %", "beyond %", "thickness px", "displaced px", "FLIP", "MSE")
 STORED = "nothing captured"
+ERROR_PIXELS = "error-pixels"
 
 
 def errors_of(truth: DrawnPicture, shown: DrawnPicture, focal: float, flip: bool) -> Errors:
@@ -81,17 +84,34 @@ def errors_of(truth: DrawnPicture, shown: DrawnPicture, focal: float, flip: bool
         beyond=100.0 * float(beyond_resampling(truth, shown).wrong.mean()),
         thick=thickness(wrong),
         displaced=focal * float(np.tan(np.minimum(angles, 1.5)).mean()),
+        flip=float(flip_map(truth.color, shown.color).mean()) if flip else math.nan,
         mse=float(np.mean((truth.color.astype(np.float64) - shown.color) ** 2)),
-        flip=float(flip_map(truth.color, shown.color).mean()) if flip else None,
     )
 
 
 class InOrder(DynamicImpostors):
-    """multi-mesh-dynamic under a name of its own, which its images have too: several draw with one renderer."""
+    """multi-mesh-dynamic under a name of its own, which its images have too: several draw with one renderer.
+
+    It knows an order more: by the error angle times the pixels that may show it.
+    """
 
     def __init__(self, scene: WalkScene, order: str) -> None:
-        super().__init__(scene, order="error-angle" if order == STORED else order)
+        super().__init__(scene, order=order if order in ORDERS else "error-angle")
         self.name = f"{DynamicImpostors.name} {order}"
+        self._seen_as: View | None = None
+        if order == ERROR_PIXELS:
+            self._order = lambda some, _: sorted(some, key=lambda one: (-one.error * self._pixels(one.unit), one.depth))
+
+    def plan(self, view: View, *, now: float, budget: Budget) -> Plan:
+        """As its base does, remembering the view."""
+        self._seen_as = view
+        return super().plan(view, now=now, budget=budget)
+
+    def _pixels(self, unit: int) -> int:
+        view, boxes = self._seen_as, self._place.units[unit].boxes
+        bounds = bounds_in(view, boxes)
+        seen = view.cropped(capture_window(view, bounds, margin=0).window)
+        return ReliefPart(seen, (0, 0), 1.0, spans=spans_of(seen, bounds)).pixels
 
 
 class Work(NamedTuple):
@@ -172,8 +192,7 @@ def _added(work: Work, plan: Plan, scene: WalkScene, costs: Costs) -> Work:
 
 def curves(found: dict[str, dict[str, NDArray[np.float64]]], every: int, fps: float) -> Figure:
     """Errors over time, the mean of all excerpts, a row a speed and a column a measure."""
-    measured = next(iter(next(iter(found.values())).values())).shape[2]
-    shown = [i for i, name in enumerate(MEASURES[:measured]) if name != "thickness px"]
+    shown = [i for i, name in enumerate(MEASURES) if name in ("beyond %", "displaced px", "FLIP", "MSE")]
     figure = new_figure(9.0, 0.4 + 2.2 * len(found))
     panels = figure.subplots(len(found), len(shown), sharex=True, squeeze=False)
     others = iter(_OTHERS)
@@ -210,13 +229,13 @@ def main() -> None:
     parser.add_argument("--budget-ms", type=float, default=1.0, help="of fixed costs, a frame (default: %(default)s)")
     parser.add_argument("--speeds", default="0,1.4,5", metavar="M/S,...", help="0 holds views (default: %(default)s)")
     parser.add_argument("--seeds", type=int, default=3, help="so many tours and sets of views (default: %(default)s)")
-    parser.add_argument("--excerpts", type=int, default=10, help="or views, of each (default: %(default)s)")
-    parser.add_argument("--frames", type=int, default=16, help="of each excerpt (default: %(default)s)")
+    parser.add_argument("--excerpts", type=int, default=4, help="or views, of each (default: %(default)s)")
+    parser.add_argument("--frames", type=int, default=20, help="of each excerpt (default: %(default)s)")
     parser.add_argument("--every", type=int, default=4, help="every so-manieth frame is scored (default: %(default)s)")
-    parser.add_argument("--orders", default=",".join(ORDERS), help="(default: %(default)s)")
+    parser.add_argument("--orders", default=",".join([*ORDERS, ERROR_PIXELS]), help="(default: %(default)s)")
     parser.add_argument("--tour", type=float, default=300.0, metavar="METRES")
     parser.add_argument("--fps", type=float, default=30.0)
-    parser.add_argument("--flip", action="store_true", help="also FLIP, which takes most of the time then")
+    parser.add_argument("--no-flip", action="store_true", help="leave out FLIP, which takes most of the time")
     parser.add_argument("--workers", type=int, default=2, help="processes that compare pictures (default: %(default)s)")
     options = parser.parse_args()
     scene = open_scene(open_dataset(options.dataset), name=MAIN)
@@ -255,31 +274,26 @@ def main() -> None:
                         orders,
                         budget,
                         every=options.every,
-                        flip=options.flip,
+                        flip=not options.no_flip,
                     )
                     for order in orders:
                         found[order].append(errors[order])
                         whole[name][order] = Work(*map(sum, zip(whole[name][order], work[order], strict=True)))
                     print(f"\r{name}: {len(found[STORED])} of {many} excerpts", end="", file=sys.stderr, flush=True)
             print(file=sys.stderr)
-            measured = len(MEASURES) if options.flip else len(MEASURES) - 1
-            series[name] = {
-                order: np.array([[one[:measured] for one in some] for some in values])
-                for order, values in found.items()
-            }
+            series[name] = {order: np.array(values) for order, values in found.items()}
     for name, by_order in series.items():
         print(
             f"\n{options.dataset}, {name}: {options.seeds * options.excerpts} excerpts of {options.frames} frames, "
             f"updates of {options.budget_ms:g} ms a frame at fixed costs"
         )
-        measures = MEASURES[: by_order[STORED].shape[2]]
-        print("| order | " + " | ".join(measures) + " | ms captured a frame | layers a frame | pixels a frame |")
-        print("|" + "---|" * (len(measures) + 4))
+        print("| order | " + " | ".join(MEASURES) + " | ms captured a frame | layers a frame | pixels a frame |")
+        print("|" + "---|" * (len(MEASURES) + 4))
         frames = options.seeds * options.excerpts * options.frames
         means = {order: values.mean(axis=1) for order, values in by_order.items()}  # (excerpts, measures)
         for order in orders:
             columns = []
-            for i in range(len(measures)):
+            for i in range(len(MEASURES)):
                 mean, low, high = mean_interval(means[order][:, i], block=1)
                 columns.append(f"{mean:.3g} [{low:.3g}, {high:.3g}]")
             done = whole[name][order]
@@ -289,7 +303,7 @@ def main() -> None:
             if order in (STORED, "error-angle") or "error-angle" not in orders:
                 continue
             told_all = []
-            for i, measure in enumerate(measures):
+            for i, measure in enumerate(MEASURES):
                 off = means[order][:, i] - means["error-angle"][:, i]
                 mean, low, high = mean_interval(off, block=1)
                 base = max(float(means["error-angle"][:, i].mean()), 1e-12)
@@ -302,8 +316,7 @@ def main() -> None:
     save(curves(series, options.every, options.fps), options.out / "orders.png")
     told_json = {
         walk: {
-            order: dict(zip(MEASURES, values.mean(axis=(0, 1)).tolist(), strict=False))
-            for order, values in some.items()
+            order: dict(zip(MEASURES, values.mean(axis=(0, 1)).tolist(), strict=True)) for order, values in some.items()
         }
         for walk, some in series.items()
     }
