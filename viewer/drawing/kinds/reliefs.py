@@ -9,9 +9,9 @@ in planes, or where there are none, of the nearest ones that a few samples find.
 The grid is bent to between the highest and the lowest that was captured in each of its columns, as far as that is known, since
 drawing nothing takes as long as drawing something.
 
-Silhouettes are those of coverage, which is filtered and so reaches half a texel farther than it is likely to be: between two
-houses that touch and were captured in different pictures, no background shows. Seen from where it was captured a texel is a
-pixel, and nothing is filtered.
+Silhouettes are those of coverage, which is filtered and reaches a tenth of a texel farther than it is likely to be: between two
+houses that touch and were captured in different pictures, fewer holes show than between stored ones. Seen from where it was
+captured a texel is a pixel, and nothing is filtered.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ flat in vec4 place; flat in vec3 eyes;
 #ifdef MEASURED
 uniform isampler2D ids;
 #endif
-const float LEAST = 0.0625;  // of coverage
+const float LEAST = 0.4;  // of coverage
 void main() {
     vec2 texel = clamp(at.xy / at.z, vec2(0.5), place.zw - 0.5) + place.xy;
     ivec2 nearest = ivec2(texel);
