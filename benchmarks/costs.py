@@ -97,8 +97,10 @@ def rows_of(scene: WalkScene, place: CellContents, view: View) -> dict[str, Plan
 
 def predicted(costs: Costs, work: Work, *, frames: int) -> float:
     """Seconds."""
-    counts = (frames, work.draws, work.triangles, work.requests, work.pixels, work.relief)
-    return sum(cost * count for cost, count in zip(costs, counts, strict=True))
+    if frames:
+        return costs.of_draws(triangles=work.triangles, draws=work.draws, relief=work.relief)
+    one = costs.of_request(triangles=work.triangles, draws=work.draws, pixels=work.pixels, relief=work.relief)
+    return one + (work.requests - 1) * costs.request
 
 
 def making_us(

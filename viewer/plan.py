@@ -232,9 +232,10 @@ class Done(NamedTuple):
 class Costs(NamedTuple):
     """Seconds that things take on a machine: a frame, a draw, a triangle, a request, a captured pixel, a pixel of a relief.
 
-    ``frame`` is what a frame takes whatever it draws: the making of its plan, ground and sky, loading. Plain numbers, so that a
-    recording has them (:mod:`viewer.runtime.cost_model` finds and refines them). The ones given here are those of software
-    OpenGL on two cores, for those who have no better ones.
+    ``frame`` is what a frame takes whatever it draws: the making of its plan, ground and sky, loading. ``captured`` is what a
+    triangle takes in a request, where more of them are outside of what is seen. Plain numbers, so that a recording has them
+    (:mod:`viewer.runtime.cost_model` finds and refines them). The ones given here are those of software OpenGL on two cores,
+    for those who have no better ones.
     """
 
     frame: float = 2e-3
@@ -243,6 +244,7 @@ class Costs(NamedTuple):
     request: float = 2e-4
     pixel: float = 8e-9
     relief: float = 2e-8
+    captured: float = 1e-7
 
     def of_draws(self, *, triangles: int, draws: int, relief: int = 0) -> float:
         """Seconds that a frame is predicted to take, requests aside; ``relief`` is the pixels of its reliefs as captured."""
@@ -250,7 +252,7 @@ class Costs(NamedTuple):
 
     def of_request(self, *, triangles: int, draws: int, pixels: int, relief: int = 0) -> float:
         """Seconds that a request is predicted to take; ``relief`` is the pixels of reliefs that it draws."""
-        return self.request + self.draw * draws + self.triangle * triangles + self.relief * relief + self.pixel * pixels
+        return self.request + self.draw * draws + self.captured * triangles + self.relief * relief + self.pixel * pixels
 
 
 @dataclass(frozen=True, slots=True)

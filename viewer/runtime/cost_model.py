@@ -35,7 +35,7 @@ _GROWTH, _SHRINKAGE = 0.3, 0.04
 """The share of a surprise, the logarithm of taken : predicted, by which the prediction of the same frame changes."""
 _LARGEST = math.log(1.5)
 """Surprises are at most this large, up or down."""
-_AGILITY = Costs(frame=1.0, draw=0.4, triangle=0.4, request=1.0, pixel=0.4, relief=0.4)
+_AGILITY = Costs(frame=1.0, draw=0.4, triangle=0.4, request=1.0, pixel=0.4, relief=0.4, captured=0.4)
 """How much each of the costs moves, next to the others."""
 _FARTHEST = 2.0
 """A cost moves at most this many times as far as the prediction is to move, as a logarithm."""
@@ -108,12 +108,13 @@ def _scaled(costs: Costs, factor: float) -> Costs:
 
 
 def _counted(work: Work, *, frames: int) -> tuple[int, ...]:
-    """How often each of the costs was paid, in their order."""
-    return frames, work.draws, work.triangles, work.requests, work.pixels, work.relief
+    """How often each of the costs was paid, in their order: for ``frames`` frames, or where there are none for requests."""
+    triangles, captured = (work.triangles, 0) if frames else (0, work.triangles)
+    return frames, work.draws, triangles, work.requests, work.pixels, work.relief, captured
 
 
 def _refined(costs: Costs, counts: tuple[int, ...], seconds: float) -> Costs:
-    """The costs after what has ``counts`` took so long. (Plain Python: with six numbers it is faster than arrays.)"""
+    """The costs after what has ``counts`` took so long. (Plain Python: with so few numbers it is faster than arrays.)"""
     parts = [cost * count for cost, count in zip(costs, counts, strict=True)]
     predicted = sum(parts)
     if predicted <= 0.0:

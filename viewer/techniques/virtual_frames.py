@@ -223,7 +223,7 @@ class VirtualFrames:
         safe = safe_distance(now.eyes[places], self._movers.boxes[which], _SAFE, self._limit)
         frames = self._predicted(safe, places, now)
         pixels = sizes.prod(axis=1)
-        cost = costs.request + costs.draw + costs.triangle * self._triangles[which] + costs.pixel * pixels
+        cost = costs.request + costs.draw + costs.captured * self._triangles[which] + costs.pixel * pixels
         good = np.ones(len(places), dtype=bool)
         if self._rules.calculation == "predictive":
             good = frames >= self._rules.least_frames

@@ -61,7 +61,7 @@ class Machine:
         return triangles, len(draws), relief
 
 
-TRUE = Costs(frame=1e-3, draw=2e-5, triangle=1e-6, request=2e-4, pixel=2e-8, relief=4e-8)
+TRUE = Costs(frame=1e-3, draw=2e-5, triangle=1e-6, request=2e-4, pixel=2e-8, relief=4e-8, captured=1e-6)
 EXAMPLES = [(500, 6, 0), (300, 4, 60_000), (100, 12, 20_000)]
 
 

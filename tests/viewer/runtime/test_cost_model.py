@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from viewer.plan import Costs, Done, Work
 from viewer.runtime.cost_model import LATE, CostModel, fitted
 
-TRUE = Costs(frame=3e-3, draw=4e-5, triangle=1.5e-7, request=3e-4, pixel=1e-8, relief=2.5e-8)
+TRUE = Costs(frame=3e-3, draw=4e-5, triangle=1.5e-7, request=3e-4, pixel=1e-8, relief=2.5e-8, captured=1e-7)
 
 
 class Machine:
@@ -36,7 +36,7 @@ def predicted(costs, done):
     """What a frame's requests and draws are predicted to take."""
     work = done.requests
     each = [getattr(work, name) for name in ("requests", "draws", "triangles", "pixels", "relief")]
-    prices = (costs.request, costs.draw, costs.triangle, costs.pixel, costs.relief)
+    prices = (costs.request, costs.draw, costs.captured, costs.pixel, costs.relief)
     draws = costs.of_draws(triangles=done.draws.triangles, draws=done.draws.draws, relief=done.draws.relief)
     return sum(a * b for a, b in zip(each, prices, strict=True)), draws
 
@@ -166,7 +166,7 @@ def assert_predicts(costs, machine, *, within):
             assert one == pytest.approx(two, rel=within)
 
 
-@pytest.mark.parametrize("machine", [TRUE, off(30.0), off(1 / 30), Costs(1e-3, 3e-4, 1e-8, 1e-3, 1e-9, 9e-8)])
+@pytest.mark.parametrize("machine", [TRUE, off(30.0), off(1 / 30), Costs(1e-3, 3e-4, 1e-8, 1e-3, 1e-9, 9e-8, 3e-8)])
 def test_exact_examples_are_predicted_nearly_exactly(machine):
     exact = Machine(machine, noise=0.0)
     found = fitted(*examples(exact, 20))
@@ -251,3 +251,11 @@ def test_requests_that_take_longer_than_they_may_are_late_though_the_frame_is_no
     assert model.after(Done(requests, Work(1.0, *DRAWS[1:])), target=10.0, updates=0.4).margin == 1.0  # a tenth of 1.4
     assert model.after(Done(requests, Work(1.0, *DRAWS[1:])), target=10.0).margin == 1.0
     assert model.after(Done(requests, Work(11.5, *DRAWS[1:])), target=10.0, updates=0.1).margin == 1.0
+
+
+def test_what_triangles_take_in_requests_is_found_apart_from_what_they_take_in_frames():
+    apart = TRUE._replace(triangle=1e-6, captured=1e-8)
+    model, _ = followed(CostModel(TRUE), Machine(apart, noise=0.1), 300)
+    _, ratios = followed(model, Machine(apart, noise=0.1, seed=1), 200)
+    medians = np.nanmedian(ratios, axis=0)
+    assert np.all((medians > 0.95) & (medians < 1.4)), medians

@@ -243,7 +243,7 @@ def test_a_technique_is_told_what_the_last_frame_took(scenes):
 
 
 def test_costs_are_those_given_until_frames_refine_them(scenes):
-    given = Costs(1e-3, 1e-5, 1e-7, 1e-4, 1e-8, 1e-8)
+    given = Costs(1e-3, 1e-5, 1e-7, 1e-4, 1e-8, 1e-8, 1e-7)
     technique, painter = Curious(), Timed()
     loop = FrameLoop(technique, painter, Spender(painter), camera=scenes["multi-mesh"].camera, costs=given)
     frames = [loop.frame(WALK.keyframes[0].pose, float(at)).times for at in range(3)]

@@ -15,7 +15,7 @@ from viewer.techniques.dynamic import ORDERS, Candidate, DynamicImpostors
 from viewer.techniques.layered import LayeredImpostors
 from viewer.techniques.updates import bounds_in, capture_window, cell_units
 
-FREE = Costs(frame=0.0, draw=0.0, triangle=0.0, request=0.0, pixel=0.0, relief=0.0)
+FREE = Costs(frame=0.0, draw=0.0, triangle=0.0, request=0.0, pixel=0.0, relief=0.0, captured=0.0)
 ONE_BY_ONE = replace(Budget(), updates=1.0, frame=10.0, costs=FREE._replace(request=0.6))
 """A budget in which one request fits into a frame."""
 
@@ -148,7 +148,7 @@ def test_an_unknown_order_is_refused(scene):
 
 
 def test_what_is_captured_fits_into_the_frame_and_into_the_updates(scene, walked):
-    costs = Costs(frame=0.004, draw=1e-4, triangle=1e-6, request=3e-4, pixel=4e-8, relief=2e-8)
+    costs = Costs(frame=0.004, draw=1e-4, triangle=1e-6, request=3e-4, pixel=4e-8, relief=2e-8, captured=1e-6)
     for frame, updates in ((0.033, 0.005), (0.012, math.inf), (0.009, 0.002)):
         asked = 0
         for plan in walk(DynamicImpostors(scene), walked, Budget(frame=frame, updates=updates, costs=costs)):
