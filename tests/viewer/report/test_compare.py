@@ -28,13 +28,17 @@ WALK = Walk("east", (Keyframe(0.0, Pose((20.0, 0.0, 1.7), 0.2, 0.0)), Keyframe(4
 @pytest.fixture(scope="module")
 def views(dataset, tmp_path_factory):
     out = tmp_path_factory.mktemp("views")
-    return out, compare_views(dataset.path, out, views=6, seed=5, options=CompareOptions(keep=2))
+    return out, compare_views(
+        dataset.path, out, views=6, seed=5, options=CompareOptions(techniques=tuple(TECHNIQUES), keep=2)
+    )
 
 
 @pytest.fixture(scope="module")
 def walked(dataset, tmp_path_factory):
     out = tmp_path_factory.mktemp("walk")
-    options = CompareOptions(frames_per_second=5.0, scored=4, keep=1, video="webp", fade=0.0)
+    options = CompareOptions(
+        techniques=tuple(TECHNIQUES), frames_per_second=5.0, scored=4, keep=1, video="webp", fade=0.0
+    )
     told = []
     report = compare_walk(dataset.path, out, WALK, options=options, progress=lambda *what: told.append(what))
     return out, report, told
