@@ -34,53 +34,56 @@ class Draft(NamedTuple):
 
 
 class Room:
-    """What is left of a frame for updates, which is ``predicted`` to take so many seconds without.
+    """What is left of a frame for updates: for captures, and for showing them where the viewer moves.
 
-    A viewer who stands ``still`` sees the picture settle even where there is no machine for frames of that length: something
-    is always left then.
+    The frame is ``predicted`` to take so many seconds as it is, and ``plain`` with stored layers only. Showing a capture takes
+    longer than showing the stored layer does, and that is time for updates as well. A viewer who stands ``still`` sees the
+    picture settle whatever showing it takes, and something is left for captures even where all frames are late.
     """
 
-    def __init__(self, budget: Budget, predicted: float, *, still: bool) -> None:
+    def __init__(self, budget: Budget, predicted: float, plain: float, *, still: bool) -> None:
         self.costs = budget.costs
-        self._updates = budget.updates
-        self._frame = max(budget.frame - predicted, _PROGRESS * budget.frame if still else 0.0)
         self._free = still
+        self._updates = budget.updates - (0.0 if still else max(predicted - plain, 0.0))
+        self._frame = max(budget.frame - predicted, _PROGRESS * budget.frame if still else 0.0)
         self._most = min(self._updates, self._frame)
 
-    def fits_ever(self, cost: float, draft: Draft) -> bool:
-        """Whether there was room for a capture of that ``cost`` when the frame began."""
-        return cost <= self._most - (0.0 if self._free else draft.cost(self.costs))
+    def showing(self, draft: Draft) -> float:
+        """Seconds that showing a capture takes of it."""
+        return 0.0 if self._free else draft.cost(self.costs)
 
-    def take(self, cost: float, draft: Draft) -> bool:
-        """Use it for a part of a capture; False where there is not enough, with what showing it takes."""
-        if cost > self._updates or cost > self._frame - (0.0 if self._free else draft.cost(self.costs)):
-            return False
-        self._updates -= cost
-        self._frame -= cost
-        return True
+    def fits_ever(self, seconds: float) -> bool:
+        """Whether there was room for so much when the frame began."""
+        return seconds <= self._most
 
-    def show(self, draft: Draft) -> None:
-        """Use it to show what was captured."""
-        if not self._free:
-            self._frame -= draft.cost(self.costs)
+    def fits(self, seconds: float) -> bool:
+        """Whether there is room for so much now."""
+        return seconds <= min(self._updates, self._frame)
+
+    def take(self, seconds: float) -> None:
+        """Use it."""
+        self._updates -= seconds
+        self._frame -= seconds
 
 
 def fitting(
-    draft: Draft, unit: LayerUnit, strips: tuple[int, ...], room: Room
+    draft: Draft, unit: LayerUnit, strips: tuple[int, ...], room: Room, *, showing: float
 ) -> tuple[list[Request], tuple[int, ...]]:
     """Requests for upright strips of a capture as far as there is room, and the widths of those that are left.
 
-    ``strips`` are the widths of what is to be captured, texels, the last one at the right border.
+    ``strips`` are the widths of what is to be captured, texels, the last one at the right border. There is to be room for the
+    seconds of ``showing`` it, too.
     """
     asked: list[Request] = []
     left = list(strips)
     while left:
         right = draft.place.window[2] - sum(left[1:])
         request, cost = _request(draft, unit, right - left[0], right, room.costs)
-        if request is None or room.take(cost, draft):
+        if request is None or room.fits(cost + showing):
+            room.take(cost)
             asked += [] if request is None else [request]
             del left[0]
-        elif not room.fits_ever(cost, draft) and left[0] > _NARROWEST:
+        elif not room.fits_ever(cost + showing) and left[0] > _NARROWEST:
             left[:1] = [left[0] - left[0] // 2, left[0] // 2]
         else:
             break

@@ -162,15 +162,16 @@ class DynamicImpostors:
             for i in seen
             if not (i in shown and shown[i].aligned(view)) and (still or errors[i] > self._worth)
         ]
+        plain = self._predicted(stored, layers, place, {}, budget.costs)
         predicted = self._predicted(stored, _kept(layers, place, seen, shown), place, shown, budget.costs)
         for i in sorted(shown, key=lambda i: stored_errors[i] - errors[i]):
-            if still or predicted <= budget.frame:
+            if still or predicted <= min(budget.frame, plain + budget.updates):
                 break
             del shown[i]  # the stored layer takes less time
             predicted = self._predicted(stored, _kept(layers, place, seen, shown), place, shown, budget.costs)
-        room = Room(budget, predicted, still=still)
+        room = Room(budget, predicted, plain, still=still)
         margin = _MARGIN if last is None else _margin(last, view)
-        requests, fresh, gone = self._update(place, view, candidates, bounds, margin, room, moves=not still)
+        requests, fresh, gone = self._update(place, view, candidates, bounds, margin, room, shown, moves=not still)
         fresh_errors = _errors({i: place.captured[i].parallax for i in fresh}, view)
         shown |= {i: place.captured[i] for i in fresh if fresh_errors[i] <= errors[i]}
         draws = _composed(stored.draws, _kept(layers, place, seen, shown), shown)
@@ -256,10 +257,14 @@ class DynamicImpostors:
         bounds: Mapping[int, NDArray[np.float64]],
         margin: int,
         room: Room,
+        shown: Collection[int],
         *,
         moves: bool,
     ) -> tuple[tuple[Request, ...], list[int], list[ImageKey]]:
-        """Requests for which there is ``room``, the layers that are whole with them, and images that they replace."""
+        """Requests for which there is ``room``, the layers that are whole with them, and images that they replace.
+
+        Captures of layers that are ``shown`` already take no more time to show.
+        """
         requests: list[Request] = []
         fresh: list[int] = []
         gone: list[ImageKey] = []
@@ -270,14 +275,15 @@ class DynamicImpostors:
                 pending = None
             draft = self._drafted(unit, view, bounds[one.unit], margin) if pending is None else pending.draft
             strips = (draft.place.window[2],) if pending is None else pending.strips
-            asked, waiting = fitting(draft, unit, strips, room)
+            showing = 0.0 if one.unit in shown else room.showing(draft)
+            asked, waiting = fitting(draft, unit, strips, room, showing=showing)
             requests += asked
             if waiting:
                 if asked or pending is not None:
                     layer = self._captured(draft, unit, bounds[one.unit]) if pending is None else pending.layer
                     place.pending[one.unit] = _Pending(draft, layer, waiting)
                 break
-            room.show(draft)
+            room.take(showing)
             place.pending.pop(one.unit, None)
             if one.unit in place.captured:
                 gone.append(place.captured[one.unit].image)
