@@ -278,6 +278,19 @@ def _print_settling(report: dict[str, Any], talk: Console) -> None:
     talk.print("frames: p50 / p99 / max of the views that settled; layers: p50 / max", style="dim")
 
 
+def _print_movers(report: dict[str, Any], talk: Console) -> None:
+    """How what moves was drawn, where something does."""
+    if report["movers"] is None:
+        return
+    talk.print(f"\n{report['movers']['objects']} moving objects of {report['movers']['source']}, in a frame's view:")
+    for name, entry in report["techniques"].items():
+        one = entry["movers"]
+        images = f"{one['captured'] + one['reused']:.1f} as images"
+        if one["valid_frames"] is not None:
+            images += f", which last {one['valid_frames']:.1f} frames"
+        talk.print(f"  {name}: {one['geometry']:.1f} as geometry, {images}")
+
+
 def _print_table(report: dict[str, Any], out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
@@ -312,4 +325,5 @@ def _print_table(report: dict[str, Any], out: Path) -> None:
     note = "thickness and displacement: p50 / p99 / max; PSNR: mean / worst; frame: p50 / p99; - is not measured"
     talk.print(note, style="dim")
     _print_settling(report, talk)
+    _print_movers(report, talk)
     talk.print(f"{out / 'report.html'}", soft_wrap=True)

@@ -65,6 +65,11 @@ def test_movers_come_from_a_file(capsys, dataset, tmp_path):
     assert status == 0
     found = {"source": "one.json", "objects": 1, "max_error_px": 2.0, "calculation": "predictive", "time_s": 3.0}
     assert json.loads(out)["movers"] == found
+    arguments = ("--views", "2", "--techniques", "multi-mesh", "--no-flip", "--movers", tmp_path / "one.json")
+    status, out, _ = run(capsys, dataset.path, "-o", tmp_path / "r", *arguments)
+    assert status == 0
+    assert re.search(r"^1 moving objects of one\.json", out, re.MULTILINE)
+    assert re.search(r"^  multi-mesh: [\d.]+ as geometry, [\d.]+ as images", out, re.MULTILINE)
 
 
 def test_json_is_all_there_is_on_standard_output(capsys, dataset, tmp_path):
