@@ -3,9 +3,9 @@
     python benchmarks/budgets.py out/montmartre -o out/budgets
     python benchmarks/budgets.py out/helsinki -o out/budgets --excerpts 1 --frames 20 --scored 5 --speeds 5     # in a hurry
 
-Each walk is made of excerpts of a tour, which have the same places at every speed. Every step is drawn by multi-mesh and by
-multi-mesh-dynamic with every budget before the next step is, whose turn it is first changing from step to step: so all meet the
-same moments of the machine. Frame times come from a renderer that measures nothing. Then the walk is planned once more with the
+Each walk is made of excerpts of a tour, which have the same places at every speed. With every budget each step is drawn by
+multi-mesh-dynamic and by multi-mesh, which of them is first changing from step to step: so both meet the same moments of the
+machine. They share a renderer, which measures nothing, and the cells in memory. Then the walk is planned once more with the
 budgets that techniques were told, and so are the same plans (the program checks that); pictures of them are compared with those
 of the geometry. Intervals hold 95 of 100 means of resampled blocks of the walk.
 
@@ -37,7 +37,8 @@ from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.judge import Judge
 from viewer.measuring.view_errors import ViewErrors
-from viewer.plan import Budget, Costs, Plan, Technique
+from viewer.plan import Budget, Plan, Technique
+from viewer.runtime.calibration import calibrated
 from viewer.runtime.loop import FrameLoop, FrameTimes, replay
 from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import make_technique
@@ -60,7 +61,7 @@ _COLORS = ("#0072B2", "#009E73", "#D55E00")
 
 
 class AtBudget(DynamicImpostors):
-    """multi-mesh-dynamic under a name of its own, which its images have too: several draw with one renderer."""
+    """multi-mesh-dynamic under a name of its own, which its images have too: one renderer scores all."""
 
     def __init__(self, scene: WalkScene, budget: float) -> None:
         super().__init__(scene)
@@ -69,13 +70,13 @@ class AtBudget(DynamicImpostors):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Walked:
-    """A walk's frames by technique: the times, the plans, and the errors of the scored ones. Milliseconds of the geometry."""
+    """A walk's frames by technique: times, plans, and the times of multi-mesh beside it. Milliseconds of the geometry."""
 
     steps: Sequence[Step]
     times: Mapping[str, Sequence[FrameTimes]]
+    beside: Mapping[str, Sequence[FrameTimes]]
     plans: Mapping[str, Sequence[Plan]]
     full: NDArray[np.float64]
-    costs: Mapping[str, Costs]
 
 
 def techniques(scene: WalkScene, budgets: Sequence[float]) -> dict[str, tuple[Technique, float]]:
@@ -84,37 +85,43 @@ def techniques(scene: WalkScene, budgets: Sequence[float]) -> dict[str, tuple[Te
     return found | {f"{budget:g} ms": (AtBudget(scene, budget), 1e-3 * budget) for budget in budgets}
 
 
-def walked(
-    scene: WalkScene,
-    renderer: Renderer,
-    steps: Sequence[Step],
-    budgets: Sequence[float],
-    fps: float,
-    known: Mapping[str, Costs],
-    told: str,
-) -> Walked:
-    """Walk with all techniques, a step by each of them in turn."""
-    made = techniques(scene, budgets)
+def walked(scene: WalkScene, steps: Sequence[Step], budgets: Sequence[float], fps: float, told: str) -> Walked:
+    """Walk once with each budget, each time every step by multi-mesh too."""
+    found = [walked_beside(scene, steps, budget, fps, f"{told}, {budget:g} ms") for budget in budgets]
+    print(file=sys.stderr)
+    times = {name: one.times[name] for one in found for name in one.times if name != STORED}
+    plans = {name: one.plans[name] for one in found for name in one.plans if name != STORED}
+    return Walked(
+        steps,
+        {STORED: [frame for one in found for frame in one.times[STORED]]} | times,
+        {name: one.times[STORED] for one in found for name in one.times if name != STORED},
+        {STORED: found[0].plans[STORED]} | plans,
+        np.concatenate([one.full for one in found]),
+    )
+
+
+def walked_beside(scene: WalkScene, steps: Sequence[Step], budget: float, fps: float, told: str) -> Walked:
+    """Walk with multi-mesh and one of the budgets, a step by each of them in turn, with nothing on the GPU at first."""
+    made = techniques(scene, [budget])
     names = list(made)
     times: dict[str, list[FrameTimes]] = {name: [] for name in names}
     plans: dict[str, list[Plan]] = {name: [] for name in names}
     full = []
     reference = make_technique("full", {STORED: scene})
-    with cell_cache({STORED: scene}, renderer) as cache:
+    size = (scene.camera.width, scene.camera.height)
+    with (
+        Renderer(scene.mesh, scene.ground, size=size) as renderer,
+        cell_cache({STORED: scene}, renderer) as cache,
+    ):
+        known = calibrated(renderer, scene)
         loops = {
             name: FrameLoop(
-                technique,
-                renderer,
-                cache,
-                camera=scene.camera,
-                budget=1.0 / fps,
-                updates=updates,
-                costs=known.get(name),
+                technique, renderer, cache, camera=scene.camera, budget=1.0 / fps, updates=updates, costs=known
             )
             for name, (technique, updates) in made.items()
         }
         for i, step in enumerate(steps):
-            for name in names[i % len(names) :] + names[: i % len(names)]:
+            for name in names if i % 2 else reversed(names):
                 frame = loops[name].frame(step.pose, step.time, cut=step.cut)
                 times[name].append(frame.times)
                 plans[name].append(frame.plan)
@@ -122,9 +129,8 @@ def walked(
                 view = step.pose.view(scene.camera)
                 plan = reference.plan(view, now=step.time, budget=Budget())
                 full.append(1e3 * renderer.draw(plan, view, read=False).seconds)
-            print(f"\r{told}: {i + 1} of {len(steps)} frames timed ", end="", file=sys.stderr, flush=True)
-    _forget(renderer, [plan for some in plans.values() for plan in some])
-    return Walked(steps, times, plans, np.array(full), {name: loop.costs for name, loop in loops.items()})
+            print(f"\r{told}: {i + 1} of {len(steps)} frames timed  ", end="", file=sys.stderr, flush=True)
+    return Walked(steps, times, {}, plans, np.array(full))
 
 
 def scored(
@@ -133,7 +139,9 @@ def scored(
     """Plan the walk again, and compare every so-manieth frame of all techniques with the geometry."""
     reference = make_technique("full", {STORED: scene})
     again = {
-        name: replay(walk.steps, [frame.budget for frame in walk.times[name]], technique, camera=scene.camera)
+        name: replay(
+            walk.steps, [frame.budget for frame in walk.times[name][: len(walk.steps)]], technique, camera=scene.camera
+        )
         for name, (technique, _) in techniques(scene, budgets).items()
     }
     like_stored = [name for name, plans in walk.plans.items() if all(map(Plan.same_as, plans, walk.plans[STORED]))]
@@ -171,9 +179,9 @@ def _forget(renderer: Renderer, plans: Sequence[Plan]) -> None:
     renderer.execute(Plan((), drops=tuple(images)))
 
 
-def usual(walk: Walked, fps: float) -> NDArray[np.float64]:
-    """(frames,) seconds that multi-mesh usually takes where each frame is, within the same excerpt."""
-    seconds = np.array([frame.total for frame in walk.times[STORED]])
+def usual(walk: Walked, name: str, fps: float) -> NDArray[np.float64]:
+    """(frames,) seconds that multi-mesh usually took beside a technique, where each frame is, within the same excerpt."""
+    seconds = np.array([frame.total for frame in walk.beside[name]])
     excerpt = np.cumsum([step.cut for step in walk.steps])
     reach = max(1, round(_AROUND * fps))
     found = np.empty(len(seconds))
@@ -185,9 +193,9 @@ def usual(walk: Walked, fps: float) -> NDArray[np.float64]:
 
 def late(walk: Walked, name: str, budget: float, fps: float) -> tuple[float, float]:
     """Percent of the frames of a technique that are late, and of those of multi-mesh by the same targets."""
-    stored = usual(walk, fps)
+    stored = usual(walk, name, fps)
     target = np.maximum(stored, np.minimum(stored + 1e-3 * budget, 1.0 / fps))
-    taken = (np.array([frame.total for frame in walk.times[one]]) for one in (name, STORED))
+    taken = (np.array([frame.total for frame in some]) for some in (walk.times[name], walk.beside[name]))
     dynamic, stored_share = (100.0 * float((one > _LATE * target).mean()) for one in taken)
     return dynamic, stored_share
 
@@ -267,26 +275,23 @@ def main() -> None:
     every = max(1, options.excerpts * options.frames // options.scored)
     options.out.mkdir(parents=True, exist_ok=True)
 
-    def steps_at(speed: float, count: int, frames: int) -> tuple[Step, ...]:
-        return excerpts(
-            scene, speed=speed, fps=options.fps, count=count, frames=frames, metres=options.tour, seed=options.seed
-        )
-
     names = {
         speed: f"{_WALKS[row] if len(speeds) == len(_WALKS) else 'walk'}, {speed:g} m/s"
         for row, speed in enumerate(speeds)
     }
+    print(f"{options.dataset}: city of {len(scene.mesh.triangles)} triangles", flush=True)
     walks: dict[str, Walked] = {}
-    known: Mapping[str, Costs] = {}
-    with Renderer(scene.mesh, scene.ground, size=size) as renderer:
-        print(
-            f"{options.dataset}: city of {len(scene.mesh.triangles)} triangles, drawn by {renderer.device}", flush=True
+    for speed in speeds:
+        steps = excerpts(
+            scene,
+            speed=speed,
+            fps=options.fps,
+            count=options.excerpts,
+            frames=options.frames,
+            metres=options.tour,
+            seed=options.seed,
         )
-        # What drawing takes is learnt beforehand.
-        known = walked(scene, renderer, steps_at(speeds[0], 1, 30), budgets, options.fps, {}, "warming up").costs
-        for speed in speeds:
-            steps = steps_at(speed, options.excerpts, options.frames)
-            walks[names[speed]] = walked(scene, renderer, steps, budgets, options.fps, known, names[speed])
+        walks[names[speed]] = walked(scene, steps, budgets, options.fps, names[speed])
     errors: dict[str, dict[str, list[ViewErrors]]] = {}
     with Renderer(scene.mesh, scene.ground, size=size, measured=True) as renderer:
         for name, walk in walks.items():
@@ -332,7 +337,7 @@ def main() -> None:
             )
             print(f"| {' | '.join(columns)} |")
         if 0.0 in budgets:
-            same = sum(a.same_as(b) for a, b in zip(walk.plans["0 ms"], walk.plans[STORED], strict=True))
+            same = sum(map(Plan.same_as, walk.plans["0 ms"], walk.plans[STORED]))
             print(f"at a budget of 0: {same} of {len(walk.steps)} plans are those of multi-mesh")
         for measure, take in MEASURES.items():
             told = []
