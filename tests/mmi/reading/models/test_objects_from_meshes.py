@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import zlib
+
 import numpy as np
 import pytest
 import shapely
@@ -15,11 +18,27 @@ from citygen.buildings.houses import ROOF_KINDS, STYLES, house
 from mmi.city.model import CityObject, Prism, TriangleMesh
 from mmi.city.triangulate import triangulate
 from mmi.foundation.errors import CityError
-from mmi.reading.models.objects_from_meshes import objects_from_models
+from mmi.reading.models.objects_from_meshes import _core, objects_from_models
 from mmi.reading.raw_layers import ModelLayer, RawModel
 from mmi.reading.report import Ledger
 
 FEW = settings(max_examples=25, deadline=None)
+SLIVERS = (
+    "eNpNlE1oXFUYhu9koEnrOMPQaZqa5DQmCE1u20ymVg5YBYdBhiI1SaGtFPVIKYqCogtJKrhRUFGq1JU/6OBCrF4Qx59KYzfShYI4GxEKgqCNtO"
+    "rCrjzWH/zePnNDNh8vz5z3OfecOzPzs583lpIPdxy2+cWOp+aWkvlrhHzv7A82X5/8z+aTIw/bfGbkZD0n5HcnJy0f3n26Uauenj5u89PpF+Zq"
+    "VQj52O5vbf64/Xubc6OnbN42+lk9J+Tftl+t0wpOnuDUDQ5Clic4tYKTJzh1c0KWJ7h9e640OhWehye5a3j/XK+llStNdVeaE1sO2JMvlh61eX"
+    "fplJ0FQh7f8oTN1SHdwx0Dr9q8feDMGiH/NPS2TZmTvgcDJEneWOPKnYpytyRDt1TdfMjO/kD5QZv3lV+0s0PI5c0ndCeDTxu5tfiyTV/8eI2Q"
+    "Lw2+028FJ09w6gYHIctjd2Kt4OQJTt2ckOWhlaXyZKm6WQohy5OlamWpPFmqbk7I8tCKXp7o1Y0eQpYnerWilyd6dXNClid6bozzcktnCweSpe"
+    "TrTbtsfrNpY2EpgZDPFWZsHipPGLla22jz39pqkhPyPeV/bJ5MFu194MFwdKveFi3Wi3QqWtMtiXRLl4t3JrXqa0N7bb45VC3UqhDy78VJm/OV"
+    "cSNJrWSzWLuU5IR8sPJXQis4eYJTNzgIWZ7g1ApOnuDUzQlZHlpZKk+WqpulELI8WapWlsqTpermhCwPrejliV7d6CFkeaJXy96IeaJXNydkea"
+    "J/bpvu7YOpT2y+NfWKvQsI+cS2vy2fn77e8vH6YzaP1PcP5IR8ZvpyIX8XeDAs3vxeIem3WC/SqWhNtyTSLTXH2na3f0y8ZPPniYfsXUDIe8em"
+    "bJ6bGbP5yGywef/svoGckD+a+bPfCk6e4NQNDkKWJzi1gpMnOHVzQpaHVvTyRK9u9BCyPNGrFb080aubE7I80fM95FyciLPz5HCRXktkpSnbSh"
+    "NybM91O3utsztX0+U2Wf+KOSHzr/j4cGdmuU3W785sGy4YIev30mvdNHhxw3KbrKfqtW7Z+r4RMjs+u+vK4HKbzC4Q9mIXOHuxC5y92AXOXuwC"
+    "Zy+ccHL/ROM3jjYWyDi/Gv7yhsYCGSeEjPO74eeHGwtknJD1/oPjvxjpn+XaLhD2wgnHjAGOh/VwMuvT0YsjRxfJrP915LwRMush67vrW3wKYQ"
+    "0Z/j8aZFIB"
+)
+"""Triangles of a house of ``citygen montmartre --detail 2``, millimetres from a corner: the reveals of its windows end where its
+eaves do, nearly."""
 
 
 def as_objects(*meshes):
@@ -341,3 +360,18 @@ def test_box_of_the_writers_tests():
         assert solid.footprint.equals(box(0, 0, 10, 10))
         assert (solid.bottom, solid.top) == (0.0, 8.0)
     assert one.occluders == one.core
+
+
+def test_slivers_that_collapse_into_lines_do_not_stop_a_city():
+    millimetres = np.frombuffer(zlib.decompress(base64.b64decode(SLIVERS)), "<i2").reshape(-1, 3)
+    points = (
+        millimetres + np.array([363478, -356950, 9543])
+    ) / 1000.0  # where it stands decides what rounding makes of it
+    prisms = _core(TriangleMesh(points, np.arange(len(points), dtype=np.int32).reshape(-1, 3)), -np.inf)
+    outline = shapely.MultiPoint(points[:, :2]).convex_hull
+    assert [prism.footprint.area > 50.0 and outline.buffer(0.01).covers(prism.footprint) for prism in prisms] == [
+        True
+    ] * 2
+    assert shapely.area(prisms[1].footprint.difference(prisms[0].footprint.buffer(0.01))) == 0.0, (
+        "the higher within the lower"
+    )
