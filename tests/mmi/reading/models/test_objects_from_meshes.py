@@ -37,8 +37,8 @@ SLIVERS = (
     "Zy+ccHL/ROM3jjYWyDi/Gv7yhsYCGSeEjPO74eeHGwtknJD1/oPjvxjpn+XaLhD2wgnHjAGOh/VwMuvT0YsjRxfJrP915LwRMush67vrW3wKYQ"
     "0Z/j8aZFIB"
 )
-"""Triangles of a house of ``citygen montmartre --detail 2``, millimetres from a corner: the reveals of its windows end where its
-eaves do, nearly."""
+"""Triangles of a house of ``citygen montmartre --detail 2``, millimetres from a corner: reveals of windows end nearly where the
+eaves do."""
 
 
 def as_objects(*meshes):
