@@ -37,9 +37,10 @@ _EXAMPLE = """\
 examples:
   compare-impostors out/helsinki -o out/comparison                        50 random views inside cells
   compare-impostors out/helsinki -o out/comparison --views 500 --seed 2 --techniques single-mesh,multi-mesh
-  compare-impostors out/helsinki -o out/held --views 40 --settle 16 --budget-ms 5      hold each view for 16 frames
+  compare-impostors out/helsinki -o out/held --settle 16 --budget-ms 5 --techniques full,multi-mesh,multi-mesh-dynamic
   compare-impostors out/helsinki -o out/tour --tour 400 --video           walk 400 m, and film it
   compare-impostors out/helsinki -o out/walk --path walk.json
+  compare-impostors out/helsinki -o out/traffic --tour 100 --movers out/helsinki.traffic.json --video
   compare-impostors out/helsinki -o out/mine --techniques full,multi-mesh,my_module:my_technique
 
 Open DIR/report.html; DIR/report.json has the same figures, and DIR/worst the worst views.
