@@ -9,10 +9,11 @@ machine. They share a renderer, which measures nothing, and the cells in memory.
 budgets that techniques were told, and so are the same plans (the program checks that); pictures of them are compared with those
 of the geometry. Intervals hold 95 of 100 means of resampled blocks of the walk.
 
-*Does the budget hold?* The target of a frame is what multi-mesh usually takes there (the median of its frames within a quarter
-of a second), and what the frame may spend on updates: the budget, but no more than is left of --fps. A frame is late that takes
-more than 1.1 times its target; those of multi-mesh are held against the same targets. At a budget of 0 both draw the same
-plans, so what differs there is noise.
+*Does the budget hold?* A frame is late that takes more than 1.1 times its target; those of multi-mesh are held against the same
+targets. The target of the frame loop, and of the criterion, is --fps. Strictly, the target of a frame is what multi-mesh usually
+takes there (the median of its frames within a quarter of a second) and the budget, but no more than --fps leaves. Late by that are
+also frames whose reliefs take longer to draw than the stored layers, which no budget counts as updates. At a budget of 0 both
+draw the same plans, so what differs there is noise.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ from viewer.measuring.judge import Judge
 from viewer.measuring.view_errors import ViewErrors
 from viewer.plan import Budget, Plan, Technique
 from viewer.runtime.calibration import calibrated
+from viewer.runtime.cost_model import LATE
 from viewer.runtime.loop import FrameLoop, FrameTimes, replay
 from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import make_technique
@@ -51,11 +53,10 @@ MEASURES = {
     "FLIP": lambda one: one.flip_mean,
     "wrong %": lambda one: 100.0 * one.wrong_share,
 }
-_LATE = 1.1
 _AROUND = 0.25
 """Seconds of the walk before and after a frame that say what multi-mesh usually takes there."""
 _GEOMETRY = 10
-"""The geometry is drawn in every so many frames."""
+"""Every so many frames the geometry is drawn too, beside the first budget."""
 _WALKS = ("slow", "normal", "fast")
 _COLORS = ("#0072B2", "#009E73", "#D55E00")
 
@@ -87,7 +88,10 @@ def techniques(scene: WalkScene, budgets: Sequence[float]) -> dict[str, tuple[Te
 
 def walked(scene: WalkScene, steps: Sequence[Step], budgets: Sequence[float], fps: float, told: str) -> Walked:
     """Walk once with each budget, each time every step by multi-mesh too."""
-    found = [walked_beside(scene, steps, budget, fps, f"{told}, {budget:g} ms") for budget in budgets]
+    found = [
+        walked_beside(scene, steps, budget, fps, f"{told}, {budget:g} ms", full=not i)
+        for i, budget in enumerate(budgets)
+    ]
     print(file=sys.stderr)
     times = {name: one.times[name] for one in found for name in one.times if name != STORED}
     plans = {name: one.plans[name] for one in found for name in one.plans if name != STORED}
@@ -100,13 +104,18 @@ def walked(scene: WalkScene, steps: Sequence[Step], budgets: Sequence[float], fp
     )
 
 
-def walked_beside(scene: WalkScene, steps: Sequence[Step], budget: float, fps: float, told: str) -> Walked:
-    """Walk with multi-mesh and one of the budgets, a step by each of them in turn, with nothing on the GPU at first."""
+def walked_beside(
+    scene: WalkScene, steps: Sequence[Step], budget: float, fps: float, told: str, *, full: bool
+) -> Walked:
+    """Walk with multi-mesh and one of the budgets, a step by each of them in turn, with nothing on the GPU at first.
+
+    With ``full`` the geometry is drawn now and then.
+    """
     made = techniques(scene, [budget])
     names = list(made)
     times: dict[str, list[FrameTimes]] = {name: [] for name in names}
     plans: dict[str, list[Plan]] = {name: [] for name in names}
-    full = []
+    geometry: list[float] = []
     reference = make_technique("full", {STORED: scene})
     size = (scene.camera.width, scene.camera.height)
     with (
@@ -125,12 +134,12 @@ def walked_beside(scene: WalkScene, steps: Sequence[Step], budget: float, fps: f
                 frame = loops[name].frame(step.pose, step.time, cut=step.cut)
                 times[name].append(frame.times)
                 plans[name].append(frame.plan)
-            if i % _GEOMETRY == 0:
+            if full and i % _GEOMETRY == 0:
                 view = step.pose.view(scene.camera)
                 plan = reference.plan(view, now=step.time, budget=Budget())
-                full.append(1e3 * renderer.draw(plan, view, read=False).seconds)
+                geometry.append(1e3 * renderer.draw(plan, view, read=False).seconds)
             print(f"\r{told}: {i + 1} of {len(steps)} frames timed  ", end="", file=sys.stderr, flush=True)
-    return Walked(steps, times, {}, plans, np.array(full))
+    return Walked(steps, times, {}, plans, np.array(geometry))
 
 
 def scored(
@@ -191,12 +200,14 @@ def usual(walk: Walked, name: str, fps: float) -> NDArray[np.float64]:
     return found
 
 
-def late(walk: Walked, name: str, budget: float, fps: float) -> tuple[float, float]:
-    """Percent of the frames of a technique that are late, and of those of multi-mesh by the same targets."""
-    stored = usual(walk, name, fps)
-    target = np.maximum(stored, np.minimum(stored + 1e-3 * budget, 1.0 / fps))
+def late(walk: Walked, name: str, budget: float, fps: float, *, strictly: bool) -> tuple[float, float]:
+    """Percent of the frames of a technique that are late, and of those of multi-mesh beside it by the same targets."""
+    target = np.full(len(walk.steps), 1.0 / fps)
+    if strictly:
+        stored = usual(walk, name, fps)
+        target = np.maximum(stored, np.minimum(stored + 1e-3 * budget, target))
     taken = (np.array([frame.total for frame in some]) for some in (walk.times[name], walk.beside[name]))
-    dynamic, stored_share = (100.0 * float((one > _LATE * target).mean()) for one in taken)
+    dynamic, stored_share = (100.0 * float((one > LATE * target).mean()) for one in taken)
     return dynamic, stored_share
 
 
@@ -259,8 +270,8 @@ def main() -> None:
     )
     parser.add_argument("--speeds", default="1.4,5,15", metavar="M/S,...", help="(default: %(default)s)")
     parser.add_argument("--excerpts", type=int, default=5, help="of each walk (default: %(default)s)")
-    parser.add_argument("--frames", type=int, default=40, help="of each excerpt (default: %(default)s)")
-    parser.add_argument("--scored", type=int, default=25, help="frames of each walk (default: %(default)s)")
+    parser.add_argument("--frames", type=int, default=32, help="of each excerpt (default: %(default)s)")
+    parser.add_argument("--scored", type=int, default=20, help="frames of each walk (default: %(default)s)")
     parser.add_argument("--tour", type=float, default=300.0, metavar="METRES")
     parser.add_argument(
         "--fps", type=float, default=30.0, help="a frame may take a second by this (default: %(default)s)"
@@ -298,6 +309,7 @@ def main() -> None:
             errors[name] = scored(scene, renderer, walk, budgets, every, options.workers, name)
 
     found: dict[str, dict[str, dict[str, tuple[float, float, float]]]] = {}
+    more: dict[bool, list[float]] = {False: [], True: []}
     for name, walk in walks.items():
         scored_block = max(1, len(errors[name][STORED]) // (2 * options.excerpts))
         timed_block = max(1, options.frames // 2)
@@ -307,7 +319,7 @@ def main() -> None:
         )
         print(
             "| updates | thickness px | FLIP | wrong % | frame ms mean | p50 / p95 / p99 | plan + requests + draws + cells | "
-            "layers captured a frame | late % | multi-mesh late % |"
+            "layers captured a frame | late %, and multi-mesh | strictly late %, and multi-mesh |"
         )
         print("|" + "---|" * 10)
         found[name] = {}
@@ -321,9 +333,13 @@ def main() -> None:
             found[name][one] = row
             parts = 1e3 * np.mean([parts_of(frame) for frame in frames], axis=0)
             captured = np.mean([len({request.into.image for request in plan.requests}) for plan in walk.plans[one]])
-            shares = ("", "")
+            shares = ["", ""]
             if one != STORED:
-                shares = tuple(f"{share:.1f}" for share in late(walk, one, float(one.removesuffix(" ms")), options.fps))
+                budget = float(one.removesuffix(" ms"))
+                for which in (False, True):
+                    mine, others = late(walk, one, budget, options.fps, strictly=which)
+                    shares[which] = f"{mine:.1f}, {others:.1f}"
+                    more[which].append(mine - others)
             columns = (
                 one,
                 told_mean(series["thickness px"], scored_block, 2),
@@ -341,14 +357,18 @@ def main() -> None:
             print(f"at a budget of 0: {same} of {len(walk.steps)} plans are those of multi-mesh")
         for measure, take in MEASURES.items():
             told = []
-            for less, more in pairwise(budgets):
+            for less, higher in pairwise(budgets):
                 fall = [
                     take(b) - take(a)
-                    for a, b in zip(*(errors[name][f"{one:g} ms"] for one in (less, more)), strict=True)
+                    for a, b in zip(*(errors[name][f"{one:g} ms"] for one in (less, higher)), strict=True)
                 ]
                 mean, low, high = mean_interval(np.array(fall), block=scored_block)
-                told.append(f"{less:g} to {more:g} ms {mean:+.3g} [{low:+.3g}, {high:+.3g}]")
+                told.append(f"{less:g} to {higher:g} ms {mean:+.3g} [{low:+.3g}, {high:+.3g}]")
             print(f"{measure}: {'; '.join(told)}")
+    print(
+        f"\nlate frames: at most {max(more[False]):+.1f} percentage points of those of multi-mesh; "
+        f"strictly late frames: {max(more[True]):+.1f}"
+    )
     save(drawn(found, budgets), options.out / "budgets.png")
     (options.out / "budgets.json").write_text(
         json.dumps({"dataset": options.dataset.name, "walks": found}, indent=1) + "\n"
