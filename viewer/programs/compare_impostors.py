@@ -289,7 +289,7 @@ def _print_movers(report: dict[str, Any], talk: Console) -> None:
         images = f"{one['captured'] + one['reused']:.1f} as images"
         if one["valid_frames"] is not None:
             images += f", which last {one['valid_frames']:.1f} frames"
-        talk.print(f"  {name}: {one['geometry']:.1f} as geometry, {images}")
+        talk.print(f"  {name}: {one['geometry']:.1f} as geometry, {one['hidden']:.1f} hidden, {images}")
 
 
 def _print_table(report: dict[str, Any], out: Path) -> None:

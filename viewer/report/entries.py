@@ -147,11 +147,12 @@ def movers_of(tallies: Sequence[FrameTally]) -> dict[str, Any] | None:
     """Means of a frame over all ``tallies``; None where nothing moved."""
     if not tallies:
         return None
-    frames, geometry, captured, reused, ended, shown = (sum(one) for one in zip(*tallies, strict=True))
+    frames, geometry, captured, reused, ended, shown, hidden = (sum(one) for one in zip(*tallies, strict=True))
     return {
         "geometry": geometry / max(frames, 1),
         "captured": captured / max(frames, 1),
         "reused": reused / max(frames, 1),
+        "hidden": hidden / max(frames, 1),
         "valid_frames": shown / ended if ended else None,
     }
 

@@ -90,6 +90,7 @@ MOVERS = (
     Column("movers a frame, as", "geometry", ("movers", "geometry"), of_reference=True),
     Column("movers a frame, as", "images, new", ("movers", "captured"), of_reference=True),
     Column("movers a frame, as", "images, kept", ("movers", "reused"), of_reference=True),
+    Column("movers a frame, as", "hidden", ("movers", "hidden"), of_reference=True),
     Column("images of movers", "frames valid", ("movers", "valid_frames"), of_reference=True),
 )
 _TERMS = (
@@ -161,8 +162,8 @@ _TERMS = (
     (
         "movers a frame, as",
         "movers",
-        "Objects that move and are within the view, hidden ones as well: means over frames. The image of one is captured, "
-        "moves with it, and is kept for as many frames as it is valid.",
+        "Objects that move and are within the view: means over frames. Those that buildings surely hide are left out where "
+        "layers are drawn. The image of one is captured, moves with it, and is kept for as many frames as it is valid.",
     ),
 )
 """The group of columns, the term, and what it means."""

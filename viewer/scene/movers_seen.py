@@ -26,6 +26,10 @@ class SeenMovers:
     corners: NDArray[np.float64]
     distances: NDArray[np.float64]
 
+    def of(self, kept: NDArray[np.bool_]) -> SeenMovers:
+        """Those that are ``kept`` (k,), in their order."""
+        return SeenMovers(self.which[kept], self.poses[kept], self.corners[kept], self.distances[kept])
+
 
 def movers_in(view: View, movers: Movers, time: float) -> SeenMovers:
     """The movers that ``view`` may show at ``time`` (seconds), whatever else may hide them.

@@ -23,6 +23,7 @@ from mmi.movers.movers import NOTHING_MOVES, Movers
 from mmi.planning.parameters import BuildParameters
 from viewer.plan import Ground
 from viewer.scene.frustum import box_corners, window_corners, within_view
+from viewer.scene.skyline import Skyline, skyline_of
 from viewer.scene.whereabouts import Whereabouts
 
 __all__ = ["CellContents", "WalkScene", "open_scene"]
@@ -55,7 +56,7 @@ class WalkScene:
     """What techniques know of a dataset. ``name`` stands for it in plans; ``objects`` maps ids to places in ``mesh``.
 
     ``boxes`` (n, 2, 3) are the lowest and the highest coordinates of the mesh's objects, NaN for one without triangles.
-    ``movers`` are what moves in the city, in its frame.
+    ``movers`` are what moves in the city, in its frame; where there are any, ``skyline`` is what hides them.
     """
 
     name: str
@@ -70,6 +71,7 @@ class WalkScene:
     whereabouts: Whereabouts
     objects: Mapping[str, int]
     movers: Movers = NOTHING_MOVES
+    skyline: Skyline | None = None
 
     @property
     def camera(self) -> Camera:
@@ -135,8 +137,10 @@ def open_scene(
     if like is None:
         city = dataset.city()
         terrain, objects = city.terrain, city.index()
+        movers = movers.in_frame(crs=manifest.city.crs, origin=manifest.city.origin)
+        skyline = skyline_of(city) if movers.ids else None
     else:
-        terrain, objects = like.terrain, dict(like.objects)
+        terrain, objects, movers, skyline = like.terrain, dict(like.objects), like.movers, like.skyline
     return WalkScene(
         name=name,
         dataset=dataset,
@@ -149,5 +153,6 @@ def open_scene(
         boxes=object_boxes(mesh) if like is None else like.boxes,
         whereabouts=Whereabouts(cells, {entry.id: entry.neighbours for entry in manifest.cells}),
         objects=objects,
-        movers=like.movers if like is not None else movers.in_frame(crs=manifest.city.crs, origin=manifest.city.origin),
+        movers=movers,
+        skyline=skyline,
     )

@@ -136,12 +136,15 @@ def make_technique(
 ) -> Technique:
     """A fresh technique, which knows of no viewer yet. ``scenes``: ``multi-mesh``, and ``single-mesh`` where that is asked for.
 
-    It also draws what moves in its scene, as it is ``at`` a time (seconds; None: as time goes by). Layered techniques do so by
-    the rules of ``frames``, all others as geometry. Raises ParameterError for what :func:`find_technique` refuses.
+    It also draws what moves in its scene, as it is ``at`` a time (seconds; None: as time goes by). Layered techniques leave
+    out what buildings hide of it and draw the rest by the rules of ``frames``; all others draw it all as geometry. Raises
+    ParameterError for what :func:`find_technique` refuses.
     """
     entry = find_technique(of)
     scene = scenes[entry.scene]
     made = entry.make(scene, fade)
     if not scene.movers.ids:
         return made
-    return WithMovers(made, scene.movers, scene.camera, rules=frames if entry.layered else None, at=at)
+    if not entry.layered:
+        return WithMovers(made, scene.movers, scene.camera, at=at)
+    return WithMovers(made, scene.movers, scene.camera, rules=frames, skyline=scene.skyline, at=at)

@@ -83,7 +83,8 @@ class FrameRules:
 
 
 class FrameTally(NamedTuple):
-    """What was drawn so far: objects as ``geometry``, as images that were ``captured`` in that frame or ``reused``.
+    """What was drawn so far: objects as ``geometry``, as images that were ``captured`` in that frame or ``reused``; those
+    within the view that were left out are ``hidden``.
 
     ``shown`` frames that ``ended`` images were valid for, their own counted; an image that still is does not count yet.
     """
@@ -94,6 +95,7 @@ class FrameTally(NamedTuple):
     reused: int = 0
     ended: int = 0
     shown: int = 0
+    hidden: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

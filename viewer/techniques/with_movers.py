@@ -12,6 +12,7 @@ from mmi.foundation.camera import Camera, View
 from mmi.movers.movers import Movers
 from viewer.plan import Budget, Draw, Ground, Moving, Plan, Sky, Technique
 from viewer.scene.movers_seen import movers_in
+from viewer.scene.skyline import Skyline, unhidden
 from viewer.techniques.virtual_frames import FrameRules, FrameTally, VirtualFrames
 
 __all__ = ["WithMovers"]
@@ -23,7 +24,8 @@ _LEAST = 1e-9
 class WithMovers:
     """A ``technique`` with ``movers``: as images where ``rules`` allow it, as geometry without rules.
 
-    ``at`` is the time (seconds) at which movers stand still, None where they move as time goes by.
+    Movers that a ``skyline`` hides are left out; without one, all that are within the view are drawn. ``at`` is the time
+    (seconds) at which movers stand still, None where they move as time goes by.
     """
 
     def __init__(
@@ -33,22 +35,29 @@ class WithMovers:
         camera: Camera,
         *,
         rules: FrameRules | None = None,
+        skyline: Skyline | None = None,
         at: float | None = None,
     ) -> None:
         self.name = technique.name
-        self._technique, self._movers, self._at = technique, movers, at
+        self._technique, self._movers, self._skyline, self._at = technique, movers, skyline, at
+        self._hidden = 0
         self._frames = None if rules is None else VirtualFrames(movers, camera, rules, owner=technique.name)
         self._tally = FrameTally()
 
     @property
     def tally(self) -> FrameTally:
         """What was drawn so far."""
-        return self._tally if self._frames is None else self._frames.tally
+        tally = self._tally if self._frames is None else self._frames.tally
+        return tally._replace(hidden=self._hidden)
 
     def plan(self, view: View, *, now: float, budget: Budget) -> Plan:
         """The technique's plan with movers; it is told what they leave of the budget."""
         time = now if self._at is None else self._at
         seen = movers_in(view, self._movers, time)
+        if self._skyline is not None and len(seen.which):
+            shows = unhidden(self._skyline, view.eye, seen.corners)
+            self._hidden += int((~shows).sum())
+            seen = seen.of(shows)
         if self._frames is None:
             geometry = len(seen.which)
             self._tally = self._tally._replace(frames=self._tally.frames + 1, geometry=self._tally.geometry + geometry)

@@ -13,6 +13,7 @@ from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.mover_errors import MoverErrors, mover_errors
 from viewer.plan import Budget
+from viewer.scene.skyline import skyline_of
 from viewer.techniques.catalogue import make_technique
 from viewer.techniques.virtual_frames import FrameRules
 from viewer.walks.walk import Keyframe, Pose, Walk
@@ -85,7 +86,7 @@ WALK = Walk("east", (Keyframe(0.0, Pose((5.0, 0.0, 1.7), -0.1, 0.0)), Keyframe(5
 @pytest.fixture(scope="module")
 def moving_scene(scene):
     movers = movers_of(TRACKS, mesh=block(high=(2.0, 1.0, 2.5)), crs="EPSG:32631")
-    return replace(scene, movers=movers)
+    return replace(scene, movers=movers, skyline=skyline_of(scene.dataset.city()))
 
 
 @pytest.mark.parametrize("calculation", ["predictive", "common"])
@@ -118,6 +119,7 @@ def test_movers_are_right_in_layers_and_vanish_behind_far_buildings(moving_scene
             seen |= set(np.unique(shown.object_ids[shown.object_ids >= first]).tolist())
             images += (shown.object_ids[np.isfinite(shown.displacement)] >= first).sum()
             assert first + 4 not in shown.object_ids
+    assert technique.tally.hidden > len(WALK.frames(10.0)), "one is always hidden, one now and then"
     pixels, missing, surplus, hidden = total.tolist()
     assert seen == {first, first + 1, first + 2, first + 3, first + 5}
     assert images > 0.2 * pixels, "most of what is far is an image"

@@ -69,7 +69,7 @@ def test_movers_come_from_a_file(capsys, dataset, tmp_path):
     status, out, _ = run(capsys, dataset.path, "-o", tmp_path / "r", *arguments)
     assert status == 0
     assert re.search(r"^1 moving objects of one\.json", out, re.MULTILINE)
-    assert re.search(r"^  multi-mesh: [\d.]+ as geometry, [\d.]+ as images", out, re.MULTILINE)
+    assert re.search(r"^  multi-mesh: [\d.]+ as geometry, [\d.]+ hidden, [\d.]+ as images", out, re.MULTILINE)
 
 
 def test_json_is_all_there_is_on_standard_output(capsys, dataset, tmp_path):

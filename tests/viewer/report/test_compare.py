@@ -158,7 +158,7 @@ def test_a_walk_is_told_frame_by_frame(walked):
 
 
 def test_what_moves_is_compared_in_every_technique(dataset, tmp_path):
-    tracks = [[(0.0, 120, -3, 0, 180), (9.0, 30, -3, 0, 180)], [(0.0, 80, 2, 0, 0)], [(0.0, 40, 75, 0, 0)]]
+    tracks = [[(0.0, 120, -3, 0, 180), (9.0, 30, -3, 0, 180)], [(0.0, 80, 2, 0, 0)], [(0.0, 140, 80, 0, 0)]]
     movers = movers_of(tracks, crs="EPSG:32631", mesh=block(high=(2.0, 1.0, 2.5)))
     rules = FrameRules(thrifty=False)
     options = CompareOptions(
@@ -184,7 +184,9 @@ def test_what_moves_is_compared_in_every_technique(dataset, tmp_path):
         assert found[name]["geometry"] > 1.0
         assert found[name]["captured"] == found[name]["reused"] == 0.0
         assert found[name]["valid_frames"] is None
-    sums = [sum(found[name][key] for key in ("geometry", "captured", "reused")) for name in found]
+    assert found["multi-mesh"]["hidden"] > 0.2
+    assert found["full"]["hidden"] == found["local"]["hidden"] == 0.0
+    sums = [sum(found[name][key] for key in ("geometry", "captured", "reused", "hidden")) for name in found]
     assert sums == pytest.approx([sums[0]] * 3)
     assert found["multi-mesh"]["reused"] > 0.2
     assert report["techniques"]["multi-mesh"]["wrong_thickness_px"]["max"] < 7.0

@@ -380,14 +380,14 @@ def test_what_moved_has_a_table_and_is_said(tmp_path):
         "time_s": None,
     }
     for name, entry in report["techniques"].items():
-        some = {"geometry": 2.5, "captured": 3.25, "reused": 120.0, "valid_frames": 20.5}
-        none = {"geometry": 125.75, "captured": 0.0, "reused": 0.0, "valid_frames": None}
+        some = {"geometry": 2.5, "captured": 3.25, "reused": 120.0, "hidden": 7.0, "valid_frames": 20.5}
+        none = {"geometry": 125.75, "captured": 0.0, "reused": 0.0, "hidden": 0.0, "valid_frames": None}
         entry["movers"] = some if "mesh" in name else none
     assert list(VALIDATOR.iter_errors(report)) == []
     page = page_of(report, tmp_path)
     assert "among 300 moving objects (cars & vans.json)" in page.text
-    assert [one for one in page.rows if one[0] == "multi-mesh"][-1][1:] == ["2.5", "3.25", "120", "20.5"]
-    assert [one for one in page.rows if one[0] == "full"][-1][1:] == ["126", "0", "0", "–"]
+    assert [one for one in page.rows if one[0] == "multi-mesh"][-1][1:] == ["2.5", "3.25", "120", "7", "20.5"]
+    assert [one for one in page.rows if one[0] == "full"][-1][1:] == ["126", "0", "0", "0", "–"]
     assert "The image of one is captured, moves with it" in page.text
     still = page_of(report_of(True), tmp_path)
     assert "moving objects" not in still.text
