@@ -148,7 +148,7 @@ class VirtualFrames:
         self._pictures: dict[int, _Picture] = {}
         self._eyes, self._sizes, self._safe = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
         self._until, self._shown = np.full(n, -1, dtype=np.int64), np.full(n, -1, dtype=np.int64)
-        self._pixels = np.zeros(n, dtype=np.int64)
+        self._pixels, self._counts = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
         self._last: tuple[float, NDArray[np.float64]] | None = None
         self._frame = 0
         self._triangles = np.array([len(mesh.triangles) for mesh in movers.meshes], dtype=np.int64)[movers.kinds]
@@ -160,11 +160,12 @@ class VirtualFrames:
         self._frame += 1
         now = self._look(view, seen, time, budget)
         valid = self._valid(seen.which, now)
+        self._shown[seen.which[valid]] = self._frame
         wanted = np.flatnonzero(~valid)
         fresh, updating = self._capture(view, seen, now, wanted, budget) if budget.updates > 0.0 else ({}, 0.0)
         images = valid.copy()
         images[list(fresh)] = True
-        self._shown[seen.which[images]] = self._frame
+        self._counts[seen.which[images]] += 1
         geometry = Moving(seen.which[~images], seen.poses[~images])
         reliefs = self._reliefs(seen, np.flatnonzero(images))
         self._count(len(geometry.which), len(fresh), int(valid.sum()))
@@ -234,13 +235,14 @@ class VirtualFrames:
                 good &= gain * frames > cost
         room = min(budget.updates, _UPDATES * budget.frame)
         requests: dict[int, Request] = {}
+        updating = 0.0
         for i in np.flatnonzero(good).tolist():
-            if cost[i] > room:
+            if updating + cost[i] > room:
                 break
             place = self._room(int(which[i]), int(sizes[i].max()))
             if place is None:
                 continue
-            room -= float(cost[i])
+            updating += float(cost[i])
             here = int(places[i])
             (left, top), (width, height) = low[i].tolist(), sizes[i].tolist()
             picture = _Picture(
@@ -254,10 +256,11 @@ class VirtualFrames:
             self._pictures[one] = picture
             self._eyes[one], self._sizes[one] = now.eyes[here], now.sizes[here]
             self._safe[one], self._until[one] = safe[i], self._frame + int(frames[i])
+            self._shown[one], self._counts[one] = self._frame, 0
             self._pixels[one] = pixels[i]
             slot = Slot(self._image, (self._size, self._size), place.corner)
             requests[here] = Request(slot, picture.view, (Moving(which[i : i + 1], seen.poses[here][None]),))
-        return requests, float(cost[[int(np.flatnonzero(places == here)[0]) for here in requests]].sum())
+        return requests, updating
 
     def _room(self, one: int, needed: int) -> Place | None:
         """A place for a picture of this object, perhaps that of one which is not shown now; None where there is none."""
@@ -279,8 +282,7 @@ class VirtualFrames:
         picture = self._pictures.pop(one)
         self._slots.give_back(picture.place)
         self._sizes[one] = 0.0
-        shown = int(self._shown[one]) - picture.frame + 1
-        self.tally = self.tally._replace(ended=self.tally.ended + 1, shown=self.tally.shown + shown)
+        self.tally = self.tally._replace(ended=self.tally.ended + 1, shown=self.tally.shown + int(self._counts[one]))
 
     # ------------------------------------------------------------------------------------------------- what is drawn
 

@@ -11,6 +11,7 @@ from moving import block, movers_of
 from mmi.foundation.camera import Camera, view_towards
 from mmi.foundation.errors import ParameterError
 from viewer.plan import Budget, Costs, Moving, Objects, Plan, Relief, Sky
+from viewer.techniques import virtual_frames as module
 from viewer.techniques.virtual_frames import FrameRules
 from viewer.techniques.with_movers import WithMovers
 
@@ -222,6 +223,27 @@ def test_places_are_given_back_and_never_shared():
             used[y : y + height, x : x + width] += 1
         assert used.max(initial=0) <= 1
     assert technique.tally.ended > 50
+
+
+def test_where_places_are_few_those_that_are_shown_keep_theirs(monkeypatch):
+    """Sixteen places for forty objects, of which a viewer who turns to and fro sees half at a time."""
+    monkeypatch.setattr(module, "_ATLAS", 256)
+    movers = movers_of([straight((18.0 + i / 4.0, (-1) ** i * (4.0 + i)), (0.3, 0.0)) for i in range(40)])
+    rules = FrameRules(thrifty=False, largest=64, limit_px=8.0)
+    technique = WithMovers(Still(), movers, CAMERA, rules=rules)
+    counts = []
+    for i in range(80):
+        view = look(azimuth=0.9 * math.sin(i / 5.0))
+        plan = technique.plan(view, now=i / RATE, budget=Budget(10.0))
+        used = np.zeros((256, 256), dtype=np.int8)
+        for part in shown(plan, movers)[1]:
+            (x, y), (_, _, width, height) = part.corner, part.view.window
+            used[y : y + height, x : x + width] += 1
+        assert used.max(initial=0) <= 1
+        counts.append(len(shown(plan, movers)[1]))
+    assert max(counts) >= 12
+    assert technique.tally.ended > 16
+    assert technique.tally.shown <= technique.tally.captured + technique.tally.reused
 
 
 def test_the_same_views_and_budgets_give_the_same_plans():
