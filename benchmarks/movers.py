@@ -28,6 +28,7 @@ from viewer.measuring.mover_errors import mover_errors
 from viewer.plan import Budget, Moving
 from viewer.report.pictures import side_by_side
 from viewer.report.video import VideoWriter
+from viewer.runtime.cost_model import CostModel
 from viewer.scene.movers_seen import movers_in
 from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import make_technique
@@ -83,6 +84,7 @@ def main() -> None:
             cell_cache(scenes, renderer, measured=True) as cache,
         ):
             pictures = []
+            model = CostModel()
             budget = Budget(1.0 / _RATE)
             for i, step in enumerate(steps):
                 view = step.pose.view(scene.camera)
@@ -93,7 +95,8 @@ def main() -> None:
                 cache.require(plan.cells)
                 quick = renderer.draw(plan, view, read=False)
                 drawn[name][i] = quick.seconds
-                budget = replace(budget, done=quick.done)
+                model = model.after(quick.done, planning=float(planned[name][i]))
+                budget = replace(budget, costs=model.costs, done=quick.done)
                 picture = renderer.draw(replace(plan, requests=(), drops=()), view, measured=True)
                 if name == "full, geometry":
                     truths.append(replace(picture, depth=None, displacement=None))

@@ -162,8 +162,8 @@ _TERMS = (
     (
         "movers a frame, as",
         "movers",
-        "Objects that move and are within the view: means over frames. Those that buildings surely hide are left out where "
-        "layers are drawn. The image of one is captured, moves with it, and is kept for as many frames as it is valid.",
+        "Objects that move and are within the view: means over frames. All techniques but full leave out those that buildings "
+        "surely hide. The image of one is captured, moves with it, and is kept for as many frames as it is valid.",
     ),
 )
 """The group of columns, the term, and what it means."""

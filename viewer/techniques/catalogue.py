@@ -136,8 +136,8 @@ def make_technique(
 ) -> Technique:
     """A fresh technique, which knows of no viewer yet. ``scenes``: ``multi-mesh``, and ``single-mesh`` where that is asked for.
 
-    It also draws what moves in its scene, as it is ``at`` a time (seconds; None: as time goes by). Layered techniques leave
-    out what buildings hide of it and draw the rest by the rules of ``frames``; all others draw it all as geometry. Raises
+    It also draws what moves in its scene, as it is ``at`` a time (seconds; None: as time goes by): layered techniques by the
+    rules of ``frames``, all others as geometry. All but the reference leave out what buildings hide of it. Raises
     ParameterError for what :func:`find_technique` refuses.
     """
     entry = find_technique(of)
@@ -145,6 +145,6 @@ def make_technique(
     made = entry.make(scene, fade)
     if not scene.movers.ids:
         return made
-    if not entry.layered:
-        return WithMovers(made, scene.movers, scene.camera, at=at)
-    return WithMovers(made, scene.movers, scene.camera, rules=frames, skyline=scene.skyline, at=at)
+    rules = frames if entry.layered else None
+    skyline = None if entry.name == REFERENCE else scene.skyline
+    return WithMovers(made, scene.movers, scene.camera, rules=rules, skyline=skyline, at=at)

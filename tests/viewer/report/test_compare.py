@@ -181,11 +181,12 @@ def test_what_moves_is_compared_in_every_technique(dataset, tmp_path):
     }
     found = {name: one["movers"] for name, one in report["techniques"].items()}
     for name in ("full", "local"):
-        assert found[name]["geometry"] > 1.0
+        assert found[name]["geometry"] > 0.8
         assert found[name]["captured"] == found[name]["reused"] == 0.0
         assert found[name]["valid_frames"] is None
     assert found["multi-mesh"]["hidden"] > 0.2
-    assert found["full"]["hidden"] == found["local"]["hidden"] == 0.0
+    assert found["full"]["hidden"] == 0.0
+    assert found["local"]["hidden"] == found["multi-mesh"]["hidden"]
     sums = [sum(found[name][key] for key in ("geometry", "captured", "reused", "hidden")) for name in found]
     assert sums == pytest.approx([sums[0]] * 3)
     assert found["multi-mesh"]["reused"] > 0.2
