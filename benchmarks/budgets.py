@@ -10,9 +10,9 @@ budgets that techniques were told, and so are the same plans (the program checks
 of the geometry. Intervals hold 95 of 100 means of resampled blocks of the walk.
 
 *Does the budget hold?* A frame is late that takes more than 1.1 times its target; those of multi-mesh are held against the same
-targets. The target of the frame loop, and of the criterion, is --fps. Strictly, the target of a frame is what multi-mesh
-usually takes there (the median of its frames within a quarter of a second) and the budget, but no more than --fps leaves. At a
-budget of 0 both draw the same plans, so what differs there is noise.
+targets. The target of the frame loop, and of the criterion, is --fps. Strictly, it is what multi-mesh usually takes there (the
+median of its frames within a quarter of a second) and the budget, but no more than --fps leaves. At a budget of 0 both draw the
+same plans, so what differs there is noise.
 """
 
 from __future__ import annotations
