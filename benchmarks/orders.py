@@ -11,7 +11,7 @@ with the geometry's, and their mean over time is the area under the error curve 
     wrong %          pixels that show another object; *beyond* are those that no pixel around explains (resampling)
     thickness px     of the thickest wrong region
     displaced px     how far surfaces are off, the mean over all pixels, exact ones included
-    FLIP, MSE        of colours; MSE in 8-bit steps squared
+    MSE              of colours, in 8-bit steps squared; with --flip also FLIP
 
 Intervals hold 95 of 100 means of resampled excerpts. *Better* says for how many of the excerpts an order has the lower error
 than by error angle, and for how many the higher.
@@ -44,11 +44,11 @@ from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.view_errors import beyond_resampling, flip_map, wrong_regions
-from viewer.plan import Budget, Costs, Plan, ReliefPart
+from viewer.plan import Budget, Costs, Plan
 from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import MAIN, make_technique
 from viewer.techniques.dynamic import ORDERS, DynamicImpostors
-from viewer.techniques.updates import bounds_in, capture_window, spans_of
+from viewer.techniques.updates import bounds_in, capture_window
 from viewer.walks.random_views import random_views
 from viewer.walks.walk import Step
 
@@ -65,13 +65,13 @@ class Errors(NamedTuple):
     beyond: float
     thick: float
     displaced: float
-    flip: float
     mse: float
+    flip: float | None
 
 
-MEASURES = ("wrong %", "beyond %", "thickness px", "displaced px", "FLIP", "MSE")
+MEASURES = ("wrong %", "beyond %", "thickness px", "displaced px", "MSE", "FLIP")
 STORED = "nothing captured"
-ERROR_PIXELS = "error-pixels"
+ERROR_BY_TIME = "error-by-time"
 
 
 def errors_of(truth: DrawnPicture, shown: DrawnPicture, focal: float, flip: bool) -> Errors:
@@ -84,34 +84,35 @@ def errors_of(truth: DrawnPicture, shown: DrawnPicture, focal: float, flip: bool
         beyond=100.0 * float(beyond_resampling(truth, shown).wrong.mean()),
         thick=thickness(wrong),
         displaced=focal * float(np.tan(np.minimum(angles, 1.5)).mean()),
-        flip=float(flip_map(truth.color, shown.color).mean()) if flip else math.nan,
         mse=float(np.mean((truth.color.astype(np.float64) - shown.color) ** 2)),
+        flip=float(flip_map(truth.color, shown.color).mean()) if flip else None,
     )
 
 
 class InOrder(DynamicImpostors):
     """multi-mesh-dynamic under a name of its own, which its images have too: several draw with one renderer.
 
-    It knows an order more: by the error angle times the pixels that may show it.
+    It knows an order more: the error angle by what capturing the layer takes, as Smith's rule (1956) would have it: of jobs
+    that wait at a cost each, those with the largest cost by time come first.
     """
 
     def __init__(self, scene: WalkScene, order: str) -> None:
         super().__init__(scene, order=order if order in ORDERS else "error-angle")
         self.name = f"{DynamicImpostors.name} {order}"
         self._seen_as: View | None = None
-        if order == ERROR_PIXELS:
-            self._order = lambda some, _: sorted(some, key=lambda one: (-one.error * self._pixels(one.unit), one.depth))
+        if order == ERROR_BY_TIME:
+            self._order = lambda some, _: sorted(some, key=lambda one: (-one.error / self._time(one.unit), one.depth))
 
     def plan(self, view: View, *, now: float, budget: Budget) -> Plan:
         """As its base does, remembering the view."""
         self._seen_as = view
         return super().plan(view, now=now, budget=budget)
 
-    def _pixels(self, unit: int) -> int:
-        view, boxes = self._seen_as, self._place.units[unit].boxes
-        bounds = bounds_in(view, boxes)
-        seen = view.cropped(capture_window(view, bounds, margin=0).window)
-        return ReliefPart(seen, (0, 0), 1.0, spans=spans_of(seen, bounds)).pixels
+    def _time(self, number: int) -> float:
+        view, unit = self._seen_as, self._place.units[number]
+        window = capture_window(view, bounds_in(view, unit.boxes), margin=0).window
+        triangles = sum(piece.triangles for piece in unit.pieces)
+        return Costs().of_request(triangles=triangles, draws=len(unit.pieces), pixels=window[2] * window[3])
 
 
 class Work(NamedTuple):
@@ -192,7 +193,8 @@ def _added(work: Work, plan: Plan, scene: WalkScene, costs: Costs) -> Work:
 
 def curves(found: dict[str, dict[str, NDArray[np.float64]]], every: int, fps: float) -> Figure:
     """Errors over time, the mean of all excerpts, a row a speed and a column a measure."""
-    shown = [i for i, name in enumerate(MEASURES) if name in ("beyond %", "displaced px", "FLIP", "MSE")]
+    measured = next(iter(next(iter(found.values())).values())).shape[2]
+    shown = [i for i, name in enumerate(MEASURES[:measured]) if name != "thickness px"]
     figure = new_figure(9.0, 0.4 + 2.2 * len(found))
     panels = figure.subplots(len(found), len(shown), sharex=True, squeeze=False)
     others = iter(_OTHERS)
@@ -229,13 +231,13 @@ def main() -> None:
     parser.add_argument("--budget-ms", type=float, default=1.0, help="of fixed costs, a frame (default: %(default)s)")
     parser.add_argument("--speeds", default="0,1.4,5", metavar="M/S,...", help="0 holds views (default: %(default)s)")
     parser.add_argument("--seeds", type=int, default=3, help="so many tours and sets of views (default: %(default)s)")
-    parser.add_argument("--excerpts", type=int, default=4, help="or views, of each (default: %(default)s)")
-    parser.add_argument("--frames", type=int, default=20, help="of each excerpt (default: %(default)s)")
+    parser.add_argument("--excerpts", type=int, default=10, help="or views, of each (default: %(default)s)")
+    parser.add_argument("--frames", type=int, default=16, help="of each excerpt (default: %(default)s)")
     parser.add_argument("--every", type=int, default=4, help="every so-manieth frame is scored (default: %(default)s)")
-    parser.add_argument("--orders", default=",".join([*ORDERS, ERROR_PIXELS]), help="(default: %(default)s)")
+    parser.add_argument("--orders", default=",".join([*ORDERS, ERROR_BY_TIME]), help="(default: %(default)s)")
     parser.add_argument("--tour", type=float, default=300.0, metavar="METRES")
     parser.add_argument("--fps", type=float, default=30.0)
-    parser.add_argument("--no-flip", action="store_true", help="leave out FLIP, which takes most of the time")
+    parser.add_argument("--flip", action="store_true", help="also FLIP, which takes most of the time then")
     parser.add_argument("--workers", type=int, default=2, help="processes that compare pictures (default: %(default)s)")
     options = parser.parse_args()
     scene = open_scene(open_dataset(options.dataset), name=MAIN)
@@ -274,26 +276,31 @@ def main() -> None:
                         orders,
                         budget,
                         every=options.every,
-                        flip=not options.no_flip,
+                        flip=options.flip,
                     )
                     for order in orders:
                         found[order].append(errors[order])
                         whole[name][order] = Work(*map(sum, zip(whole[name][order], work[order], strict=True)))
                     print(f"\r{name}: {len(found[STORED])} of {many} excerpts", end="", file=sys.stderr, flush=True)
             print(file=sys.stderr)
-            series[name] = {order: np.array(values) for order, values in found.items()}
+            measured = len(MEASURES) if options.flip else len(MEASURES) - 1
+            series[name] = {
+                order: np.array([[one[:measured] for one in some] for some in values])
+                for order, values in found.items()
+            }
     for name, by_order in series.items():
         print(
             f"\n{options.dataset}, {name}: {options.seeds * options.excerpts} excerpts of {options.frames} frames, "
             f"updates of {options.budget_ms:g} ms a frame at fixed costs"
         )
-        print("| order | " + " | ".join(MEASURES) + " | ms captured a frame | layers a frame | pixels a frame |")
-        print("|" + "---|" * (len(MEASURES) + 4))
+        measures = MEASURES[: by_order[STORED].shape[2]]
+        print("| order | " + " | ".join(measures) + " | ms captured a frame | layers a frame | pixels a frame |")
+        print("|" + "---|" * (len(measures) + 4))
         frames = options.seeds * options.excerpts * options.frames
         means = {order: values.mean(axis=1) for order, values in by_order.items()}  # (excerpts, measures)
         for order in orders:
             columns = []
-            for i in range(len(MEASURES)):
+            for i in range(len(measures)):
                 mean, low, high = mean_interval(means[order][:, i], block=1)
                 columns.append(f"{mean:.3g} [{low:.3g}, {high:.3g}]")
             done = whole[name][order]
@@ -303,7 +310,7 @@ def main() -> None:
             if order in (STORED, "error-angle") or "error-angle" not in orders:
                 continue
             told_all = []
-            for i, measure in enumerate(MEASURES):
+            for i, measure in enumerate(measures):
                 off = means[order][:, i] - means["error-angle"][:, i]
                 mean, low, high = mean_interval(off, block=1)
                 base = max(float(means["error-angle"][:, i].mean()), 1e-12)
@@ -316,7 +323,8 @@ def main() -> None:
     save(curves(series, options.every, options.fps), options.out / "orders.png")
     told_json = {
         walk: {
-            order: dict(zip(MEASURES, values.mean(axis=(0, 1)).tolist(), strict=True)) for order, values in some.items()
+            order: dict(zip(MEASURES, values.mean(axis=(0, 1)).tolist(), strict=False))
+            for order, values in some.items()
         }
         for walk, some in series.items()
     }
