@@ -47,6 +47,8 @@ _MARGIN = 16
 """Pixels beyond the view that a capture has, for a viewer who turns; and as much as it turns in so many frames:"""
 _FORESEEN = 8
 _WIDEST_MARGIN = 192
+_SHORTEST = 1e-6
+"""Seconds; no capture takes less."""
 _DRAWS = 6
 """Draws of a frame with stored layers: near objects, layers of both kinds, ground, backdrop, sky."""
 
@@ -59,6 +61,8 @@ class Candidate(NamedTuple):
     depth: float
     asked: int
     """The number of the frame in which it was last captured, -1 for never."""
+    seconds: float = 0.0
+    """What is left of capturing it takes about as long."""
 
 
 _Order = Callable[[Sequence[Candidate], int], Sequence[Candidate]]
@@ -66,6 +70,11 @@ _Order = Callable[[Sequence[Candidate], int], Sequence[Candidate]]
 
 def _by_error(some: Sequence[Candidate], _: int) -> Sequence[Candidate]:
     return sorted(some, key=lambda one: (-one.error, one.depth, one.unit))
+
+
+def _by_error_and_time(some: Sequence[Candidate], _: int) -> Sequence[Candidate]:
+    """The largest error angle by the time of the capture: so what waits costs least, as all errors together (Smith 1956)."""
+    return sorted(some, key=lambda one: (-one.error / max(one.seconds, _SHORTEST), one.depth, one.unit))
 
 
 def _front_to_back(some: Sequence[Candidate], _: int) -> Sequence[Candidate]:
@@ -81,9 +90,16 @@ def _at_random(some: Sequence[Candidate], frame: int) -> Sequence[Candidate]:
 
 
 ORDERS: Mapping[str, _Order] = MappingProxyType(
-    {"error-angle": _by_error, "front-to-back": _front_to_back, "round-robin": _round_robin, "random": _at_random}
+    {
+        "error-angle": _by_error,
+        "error-by-time": _by_error_and_time,
+        "front-to-back": _front_to_back,
+        "round-robin": _round_robin,
+        "random": _at_random,
+    }
 )
-"""In what order layers are captured again. The paper's is by error angle; the others are what it is measured against."""
+"""In what order layers are captured again: the paper's by error angle, the same by the time that captures take, and others
+that they are measured against."""
 
 
 def _errors(some: Mapping[int, LayerParallax], view: View) -> dict[int, float]:
@@ -158,7 +174,13 @@ class DynamicImpostors:
         shown, errors = self._valid(place, view, stored_errors)
         still = last is None or np.array_equal(last.eye_from_world, view.eye_from_world)
         candidates = [
-            Candidate(i, errors[i], place.units[i].depth, place.asked.get(i, -1))
+            Candidate(
+                i,
+                errors[i],
+                place.units[i].depth,
+                place.asked.get(i, -1),
+                _time(place, i, view, bounds[i], budget.costs),
+            )
             for i in seen
             if not (i in shown and shown[i].aligned(view)) and (still or errors[i] > self._worth)
         ]
@@ -282,7 +304,7 @@ class DynamicImpostors:
                 if asked or pending is not None:
                     layer = self._captured(draft, unit, bounds[one.unit]) if pending is None else pending.layer
                     place.pending[one.unit] = _Pending(draft, layer, waiting)
-                break
+                continue  # what is left of the time may do for others; in the next frame the first comes first again
             room.take(showing)
             place.pending.pop(one.unit, None)
             if one.unit in place.captured:
@@ -308,6 +330,17 @@ class DynamicImpostors:
         boxes = unit.boxes[inside]
         nearest = np.linalg.norm(np.clip(eye, boxes[:, 0], boxes[:, 1]) - eye, axis=1).min()
         return CapturedLayer(*draft, self._seen_from(eye, boxes), float(nearest))
+
+
+def _time(place: _Place, unit: int, view: View, bounds: NDArray[np.float64], costs: Costs) -> float:
+    """Seconds that capturing a layer takes, or what is left of it."""
+    pieces, pending = place.units[unit].pieces, place.pending.get(unit)
+    window = capture_window(view, bounds, margin=0) if pending is None else pending.draft.place
+    assert window is not None, "what is not in the view is no candidate"
+    share = 1.0 if pending is None else sum(pending.strips) / window.window[2]
+    triangles = sum(piece.triangles for piece in pieces)
+    pixels = window.window[2] * window.window[3]
+    return share * costs.of_request(triangles=triangles, draws=len(pieces), pixels=pixels)
 
 
 def _kept(layers: CellLayers, place: _Place, seen: Collection[int], shown: Mapping[int, CapturedLayer]) -> CellLayers:

@@ -129,13 +129,14 @@ def test_the_worst_layer_is_captured_first_and_of_equals_the_nearest(scene, busy
 
 def test_orders_are_what_they_are_called():
     some = [
-        Candidate(0, 0.1, 50.0, 7),
-        Candidate(1, 0.3, 90.0, 3),
-        Candidate(2, 0.3, 20.0, 9),
-        Candidate(3, 0.2, 60.0, -1),
+        Candidate(0, 0.1, 50.0, 7, 0.001),
+        Candidate(1, 0.3, 90.0, 3, 0.004),
+        Candidate(2, 0.3, 20.0, 9, 0.004),
+        Candidate(3, 0.2, 60.0, -1, 0.001),
     ]
     found = {name: [one.unit for one in order(some, 5)] for name, order in ORDERS.items()}
     assert found["error-angle"] == [2, 1, 3, 0]
+    assert found["error-by-time"] == [3, 0, 2, 1]
     assert found["front-to-back"] == [2, 0, 3, 1]
     assert found["round-robin"] == [3, 1, 0, 2]
     assert sorted(found["random"]) == [0, 1, 2, 3]
@@ -143,7 +144,7 @@ def test_orders_are_what_they_are_called():
 
 
 def test_an_unknown_order_is_refused(scene):
-    with pytest.raises(ParameterError, match="error-angle, front-to-back, round-robin, random expected"):
+    with pytest.raises(ParameterError, match="error-angle, error-by-time, front-to-back, round-robin, random expected"):
         DynamicImpostors(scene, order="at-will")
 
 
@@ -251,6 +252,42 @@ def test_a_layer_that_takes_longer_is_captured_in_pieces_and_shown_when_it_is_wh
     assert not plans[-1].requests and not stored_names(plans[-1])
     for first, second in itertools.pairwise(plans):
         assert {one.image for one in reliefs(first)} <= {one.image for one in reliefs(second)}
+
+
+def pixels(plan):
+    """Of the captures of a plan, by the layers."""
+    return {request.into.image.name.split()[0]: request.pixels for request in plan.requests}
+
+
+def waited(scene, view, order):
+    """Error angles of layers that were not captured yet, summed over the frames of a view that is held."""
+    whole = DynamicImpostors(scene).plan(view, now=0.0, budget=replace(Budget(), costs=FREE))
+    layers = pixels(whole)
+    reference = np.array(scene.dataset.cell(whole.place).reference)
+    boxes = {unit.name: unit.boxes for unit in cell_units(scene, whole.place).units}
+    widened = scene.camera.angle_from_pixels(16)
+    errors = layer_errors([layer_parallax(reference, boxes[name], widened=widened) for name in layers], view.eye)
+    budget = Budget(updates=0.15 * sum(layers.values()), frame=1e9, costs=FREE._replace(pixel=1.0))
+    plans = walk(DynamicImpostors(scene, order=order), [view] * 40, budget)
+    shown = [{relief.image.name.split()[0] for relief in reliefs(plan)} for plan in plans]
+    assert shown[-1] == set(layers)
+    return sum(error for some in shown for name, error in zip(layers, errors, strict=True) if name not in some)
+
+
+def test_by_error_and_time_errors_fall_fastest(scene):
+    views = [look(scene, 57.0, 2.0, azimuth) for azimuth in np.linspace(-3.1, 3.1, 16)]
+    total = {order: sum(waited(scene, view, order) for view in views) for order in ORDERS}
+    assert total["error-by-time"] == min(total.values()) < total["error-angle"]
+
+
+@pytest.mark.parametrize("share", np.linspace(0.1, 0.9, 9).tolist())
+def test_time_that_does_not_do_for_the_first_layer_is_spent_on_others(scene, busy, share):
+    view = look(scene, 50.0, azimuth=busy)
+    layers = pixels(DynamicImpostors(scene).plan(view, now=0.0, budget=replace(Budget(), costs=FREE)))
+    budget = Budget(updates=share * sum(layers.values()), frame=1e9, costs=FREE._replace(pixel=1.0))
+    plan = DynamicImpostors(scene).plan(view, now=0.0, budget=budget)
+    spent = sum(request.pixels for request in plan.requests)
+    assert all(cost > budget.updates - spent for name, cost in layers.items() if name not in pixels(plan))
 
 
 def test_the_same_views_and_budgets_give_the_same_plans(scene, walked):
