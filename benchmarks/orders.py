@@ -14,7 +14,7 @@ with the geometry's, and their mean over time is the area under the error curve 
     MSE              of colours, in 8-bit steps squared; with --flip also FLIP
 
 Intervals hold 95 of 100 means of resampled excerpts. *Better* says for how many of the excerpts an order has the lower error
-than by error angle, and for how many the higher.
+than --against, and for how many the higher.
 """
 
 from __future__ import annotations
@@ -36,7 +36,6 @@ from numpy.typing import NDArray
 from walks import excerpts, mean_interval
 
 from mmi.dataset.reading import open_dataset
-from mmi.foundation.camera import View
 from mmi.foundation.thickness import thickness
 from mmi.inspection.figures import SMALL, new_figure, save, tidy
 from viewer.cells.cell_cache import CellCache
@@ -48,12 +47,17 @@ from viewer.plan import Budget, Costs, Plan
 from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import MAIN, make_technique
 from viewer.techniques.dynamic import ORDERS, DynamicImpostors
-from viewer.techniques.updates import bounds_in, capture_window
 from viewer.walks.random_views import random_views
 from viewer.walks.walk import Step
 
-_COLORS = {"error-angle": "#D55E00", "front-to-back": "#0072B2", "round-robin": "#009E73", "random": "#777777"}
-_OTHERS = ("#CC79A7", "#E69F00", "#56B4E9")
+_COLORS = {
+    "error-by-time": "#D55E00",
+    "error-angle": "#E69F00",
+    "front-to-back": "#0072B2",
+    "round-robin": "#009E73",
+    "random": "#777777",
+}
+_OTHERS = ("#CC79A7", "#56B4E9")
 _PENDING = 8
 """At most this many pictures wait to be compared."""
 
@@ -71,7 +75,6 @@ class Errors(NamedTuple):
 
 MEASURES = ("wrong %", "beyond %", "thickness px", "displaced px", "MSE", "FLIP")
 STORED = "nothing captured"
-ERROR_BY_TIME = "error-by-time"
 
 
 def errors_of(truth: DrawnPicture, shown: DrawnPicture, focal: float, flip: bool) -> Errors:
@@ -90,29 +93,11 @@ def errors_of(truth: DrawnPicture, shown: DrawnPicture, focal: float, flip: bool
 
 
 class InOrder(DynamicImpostors):
-    """multi-mesh-dynamic under a name of its own, which its images have too: several draw with one renderer.
-
-    It knows an order more: the error angle by what capturing the layer takes, as Smith's rule (1956) would have it: of jobs
-    that wait at a cost each, those with the largest cost by time come first.
-    """
+    """multi-mesh-dynamic under a name of its own, which its images have too: several draw with one renderer."""
 
     def __init__(self, scene: WalkScene, order: str) -> None:
-        super().__init__(scene, order=order if order in ORDERS else "error-angle")
+        super().__init__(scene, order="error-angle" if order == STORED else order)
         self.name = f"{DynamicImpostors.name} {order}"
-        self._seen_as: View | None = None
-        if order == ERROR_BY_TIME:
-            self._order = lambda some, _: sorted(some, key=lambda one: (-one.error / self._time(one.unit), one.depth))
-
-    def plan(self, view: View, *, now: float, budget: Budget) -> Plan:
-        """As its base does, remembering the view."""
-        self._seen_as = view
-        return super().plan(view, now=now, budget=budget)
-
-    def _time(self, number: int) -> float:
-        view, unit = self._seen_as, self._place.units[number]
-        window = capture_window(view, bounds_in(view, unit.boxes), margin=0).window
-        triangles = sum(piece.triangles for piece in unit.pieces)
-        return Costs().of_request(triangles=triangles, draws=len(unit.pieces), pixels=window[2] * window[3])
 
 
 class Work(NamedTuple):
@@ -234,7 +219,8 @@ def main() -> None:
     parser.add_argument("--excerpts", type=int, default=10, help="or views, of each (default: %(default)s)")
     parser.add_argument("--frames", type=int, default=16, help="of each excerpt (default: %(default)s)")
     parser.add_argument("--every", type=int, default=4, help="every so-manieth frame is scored (default: %(default)s)")
-    parser.add_argument("--orders", default=",".join([*ORDERS, ERROR_BY_TIME]), help="(default: %(default)s)")
+    parser.add_argument("--orders", default=",".join(ORDERS), help="(default: %(default)s)")
+    parser.add_argument("--against", default="error-by-time", metavar="ORDER", help="(default: %(default)s)")
     parser.add_argument("--tour", type=float, default=300.0, metavar="METRES")
     parser.add_argument("--fps", type=float, default=30.0)
     parser.add_argument("--flip", action="store_true", help="also FLIP, which takes most of the time then")
@@ -307,19 +293,19 @@ def main() -> None:
             told = (1e3 * done.seconds / frames, done.layers / frames, done.pixels / frames)
             print(f"| {order} | {' | '.join(columns)} | {told[0]:.2f} | {told[1]:.2f} | {told[2]:.0f} |")
         for order in orders:
-            if order in (STORED, "error-angle") or "error-angle" not in orders:
+            if order in (STORED, options.against) or options.against not in orders:
                 continue
             told_all = []
             for i, measure in enumerate(measures):
-                off = means[order][:, i] - means["error-angle"][:, i]
+                off = means[order][:, i] - means[options.against][:, i]
                 mean, low, high = mean_interval(off, block=1)
-                base = max(float(means["error-angle"][:, i].mean()), 1e-12)
+                base = max(float(means[options.against][:, i].mean()), 1e-12)
                 better, worse = int((off < -1e-9).sum()), int((off > 1e-9).sum())
                 told_all.append(
                     f"{measure} {100.0 * mean / base:+.1f} % [{100.0 * low / base:+.1f}, {100.0 * high / base:+.1f}] "
                     f"({better} better, {worse} worse)"
                 )
-            print(f"{order} against error-angle: {'; '.join(told_all)}")
+            print(f"{order} against {options.against}: {'; '.join(told_all)}")
     save(curves(series, options.every, options.fps), options.out / "orders.png")
     told_json = {
         walk: {
