@@ -5,8 +5,11 @@ the frame's own projection, so that for a viewer who stands still a texel is a p
 (:class:`viewer.plan.Relief`) as long as its error angle is below both the stored layer's and the bound that the dataset was
 built for, and it has all that the view may show of the layer. A stored picture is drawn as long as something that it shows may
 be seen and was not captured. What fits into a frame the budget's costs tell: the frame that draws as it does now is predicted,
-and what is left of it goes to the layers of the largest error angles, the nearest first among equals. A layer that takes
-longer is captured in strips over several frames, and replaces what is shown when it is whole.
+and what is left of it goes to the layers of the largest error angles by the time that their captures take, the nearest first
+among equals. A layer that takes longer is captured in strips over several frames, and replaces what is shown when it is whole.
+
+The paper orders by the error angle alone. Its layers take about equally long; of layers that do not, the worst may be one for
+which all others wait, or one that is never whole before it is out of date (``benchmarks/orders.py``).
 
 With a budget of nothing for updates the plans are those of ``multi-mesh``.
 """
@@ -145,7 +148,7 @@ class DynamicImpostors:
 
     name = "multi-mesh-dynamic"
 
-    def __init__(self, scene: WalkScene, *, fade: float = 0.0, order: str = "error-angle") -> None:
+    def __init__(self, scene: WalkScene, *, fade: float = 0.0, order: str = "error-by-time") -> None:
         if order not in ORDERS:
             raise ParameterError(f"order {order!r}: one of {', '.join(ORDERS)} expected")
         self._scene, self._order = scene, ORDERS[order]
