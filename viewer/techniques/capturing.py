@@ -5,13 +5,16 @@ Costs are those of the budget (:class:`viewer.plan.Costs`); which layer is captu
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
+
+import numpy as np
 
 from mmi.foundation.camera import View
 from viewer.plan import Budget, Costs, ImageKey, ReliefPart, Request, Slot
 from viewer.techniques.updates import CaptureWindow, LayerUnit, Piece, bounds_in, capture_window
 
-__all__ = ["Draft", "Room", "fitting"]
+__all__ = ["Draft", "Room", "fitting", "together"]
 
 _PROGRESS = 0.15
 """The share of a frame's time that is left for updates at least while the viewer stands."""
@@ -78,7 +81,7 @@ def fitting(
     left = list(strips)
     while left:
         right = draft.place.window[2] - sum(left[1:])
-        request, cost = _request(draft, unit, right - left[0], right, room.costs)
+        request, cost = _request(draft, (unit,), right - left[0], right, room.costs)
         if request is None or room.fits(cost + showing):
             room.take(cost)
             asked += [] if request is None else [request]
@@ -90,17 +93,31 @@ def fitting(
     return asked, tuple(left)
 
 
-def _request(draft: Draft, unit: LayerUnit, first: int, last: int, costs: Costs) -> tuple[Request | None, float]:
-    """The order to draw what is between two columns of a capture, and its cost; None where nothing is to be seen there."""
+def together(draft: Draft, units: Sequence[LayerUnit], room: Room) -> tuple[tuple[Request, ...], bool]:
+    """The one order for a capture of several layers in the same image, and whether there is room for it, which it takes."""
+    request, cost = _request(draft, units, 0, draft.part.view.window[2], room.costs)
+    if not room.fits(cost):
+        return (), False
+    room.take(cost)
+    return () if request is None else (request,), True
+
+
+def _request(
+    draft: Draft, units: Sequence[LayerUnit], first: int, last: int, costs: Costs
+) -> tuple[Request | None, float]:
+    """The order to draw what of some layers is between two columns of a capture, and its cost; None where nothing is seen."""
     left, top, width, height = draft.part.view.window
     strip = draft.part.view.cropped((left + first, top, last - first, height))
-    chosen = [(piece, place) for piece in unit.pieces if (place := _seen(strip, unit, piece)) is not None]
+    chosen = [
+        (piece, place) for unit in units for piece in unit.pieces if (place := _seen(strip, unit, piece)) is not None
+    ]
     if not chosen:
         return None, 0.0
-    upper = min(place.window[1] for _, place in chosen)
-    lower = max(place.window[1] + place.window[3] for _, place in chosen)
-    view = strip.cropped((left + first, upper, last - first, lower - upper))
-    into = Slot(draft.image, (width, height), (first, upper - top))
+    windows = np.array([place.window for _, place in chosen])
+    x, y = windows[:, :2].min(axis=0).tolist()
+    right, lower = (windows[:, :2] + windows[:, 2:]).max(axis=0).tolist()
+    into = Slot(draft.image, (width, height), (x - left, y - top))
+    view = strip.cropped((x, y, right - x, lower - y))
     request = Request(into, view, tuple(piece.draw for piece, _ in chosen), clear=False)
     triangles = sum(piece.triangles for piece, _ in chosen)
     return request, costs.of_request(triangles=triangles, draws=len(chosen), pixels=request.pixels)

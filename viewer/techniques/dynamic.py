@@ -11,6 +11,9 @@ among equals. A layer that takes longer is captured in strips over several frame
 The paper orders by the error angle alone. Its layers take about equally long; of layers that do not, the worst may be one for
 which all others wait, or one that is never whole before it is out of date (``benchmarks/orders.py``).
 
+For a viewer who stands still all layers go into one picture (:mod:`viewer.techniques.held_picture`), which is given up when the
+viewer moves.
+
 With a budget of nothing for updates the plans are those of ``multi-mesh``.
 """
 
@@ -31,6 +34,7 @@ from mmi.validity.layers import LayerParallax, layer_errors, layer_parallax
 from viewer.plan import RELIEF_QUAD, Budget, CellLayers, Costs, Draw, Ground, ImageKey, Plan, ReliefPart, Request
 from viewer.scene.scene import WalkScene
 from viewer.techniques.capturing import Draft, Room, fitting
+from viewer.techniques.held_picture import HeldPicture
 from viewer.techniques.layered import LayeredImpostors
 from viewer.techniques.updates import (
     CapturedLayer,
@@ -132,6 +136,7 @@ class _Place:
     captured: dict[int, CapturedLayer]
     pending: dict[int, _Pending]
     asked: dict[int, int]
+    held: HeldPicture | None = None
 
     @property
     def units(self) -> tuple[LayerUnit, ...]:
@@ -176,6 +181,9 @@ class DynamicImpostors:
         drops += self._expire(place, view)
         shown, errors = self._valid(place, view, stored_errors)
         still = last is None or np.array_equal(last.eye_from_world, view.eye_from_world)
+        drops += self._hold(place, view, bounds, still=still)
+        done = set() if place.held is None else place.held.done
+        shown = {i: one for i, one in shown.items() if i not in done}
         candidates = [
             Candidate(
                 i,
@@ -185,21 +193,31 @@ class DynamicImpostors:
                 _time(place, i, view, bounds[i], budget.costs),
             )
             for i in seen
-            if not (i in shown and shown[i].aligned(view)) and (still or errors[i] > self._worth)
+            if (i not in done if still else not (i in shown and shown[i].aligned(view)) and errors[i] > self._worth)
         ]
         plain = self._predicted(stored, layers, place, {}, budget.costs)
-        predicted = self._predicted(stored, _kept(layers, place, seen, shown), place, shown, budget.costs)
+        kept = _kept(layers, place, seen, {*shown, *done})
+        predicted = self._predicted(stored, kept, place, shown, budget.costs)
         for i in sorted(shown, key=lambda i: stored_errors[i] - errors[i]):
             if still or predicted <= min(budget.frame, plain + budget.updates):
                 break
             del shown[i]  # the stored layer takes less time
             predicted = self._predicted(stored, _kept(layers, place, seen, shown), place, shown, budget.costs)
         room = Room(budget, predicted, plain, still=still)
-        margin = _MARGIN if last is None else _margin(last, view)
-        requests, fresh, gone = self._update(place, view, candidates, bounds, margin, room, shown, moves=not still)
-        fresh_errors = _errors({i: place.captured[i].parallax for i in fresh}, view)
-        shown |= {i: place.captured[i] for i in fresh if fresh_errors[i] <= errors[i]}
-        draws = _composed(stored.draws, _kept(layers, place, seen, shown), shown)
+        gone: list[ImageKey] = []
+        if place.held is not None:
+            order = [one.unit for one in self._order(candidates, self._frame)]
+            requests = place.held.add(order, place.units, room)
+            place.asked |= dict.fromkeys(place.held.done.intersection(order), self._frame)
+            shown = {i: one for i, one in shown.items() if i not in place.held.done}
+        else:
+            margin = _MARGIN if last is None else _margin(last, view)
+            requests, fresh, gone = self._update(place, view, candidates, bounds, margin, room, shown)
+            fresh_errors = _errors({i: place.captured[i].parallax for i in fresh}, view)
+            shown |= {i: place.captured[i] for i in fresh if fresh_errors[i] <= errors[i]}
+        held = () if place.held is None else place.held.draws
+        kept = _kept(layers, place, seen, {*shown, *(place.held.done if place.held is not None else ())})
+        draws = _composed(stored.draws, kept, held, shown)
         return replace(stored, draws=draws, requests=requests, drops=(*drops, *gone))
 
     # ------------------------------------------------------------------------------------------------ what is valid
@@ -230,9 +248,26 @@ class DynamicImpostors:
         if place is None:
             return ()
         images = [one.image for one in place.captured.values()] + [one.layer.image for one in place.pending.values()]
+        images += [place.held.image] if place.held is not None and place.held.begun else []
         place.captured.clear()
         place.pending.clear()
+        place.held = None
         return tuple(images)
+
+    def _hold(
+        self, place: _Place, view: View, bounds: Mapping[int, NDArray[np.float64]], *, still: bool
+    ) -> tuple[ImageKey, ...]:
+        """Begin the picture of a viewer who stands still, or forget that of one who did: the image to drop."""
+        held = place.held
+        if held is not None and still:
+            return ()
+        place.held = None
+        if still and bounds:
+            every = np.concatenate(list(bounds.values()))
+            farthest = max(place.units[i].depth for i in bounds)
+            part = ReliefPart(view, (0, 0), max(farthest, 1.0), spans=spans_of(view, every))
+            place.held = HeldPicture(ImageKey(self.name, f"view {self._frame}"), part)
+        return () if held is None or not held.begun else (held.image,)
 
     def _parallax(self, place: _Place, unit: int) -> LayerParallax:
         """That of a stored layer."""
@@ -271,8 +306,9 @@ class DynamicImpostors:
         for draw in stored.draws:
             if isinstance(draw, Ground):
                 triangles += int(self._scene.ground.triangle_counts[list(draw.tiles)].sum())
-        relief = sum(one.part.pixels for one in shown.values())
-        return costs.of_draws(triangles=triangles, draws=_DRAWS + len(shown), relief=relief)
+        reliefs = [one.draw for one in shown.values()] + list(() if place.held is None else place.held.draws)
+        relief = sum(one.pixels for one in reliefs)
+        return costs.of_draws(triangles=triangles, draws=_DRAWS + len(reliefs), relief=relief)
 
     def _update(
         self,
@@ -283,8 +319,6 @@ class DynamicImpostors:
         margin: int,
         room: Room,
         shown: Collection[int],
-        *,
-        moves: bool,
     ) -> tuple[tuple[Request, ...], list[int], list[ImageKey]]:
         """Requests for which there is ``room``, the layers that are whole with them, and images that they replace.
 
@@ -295,7 +329,7 @@ class DynamicImpostors:
         gone: list[ImageKey] = []
         for one in self._order(candidates, self._frame):
             unit, pending = place.units[one.unit], place.pending.get(one.unit)
-            if pending is not None and not (pending.layer.covers(view) if moves else pending.layer.aligned(view)):
+            if pending is not None and not pending.layer.covers(view):
                 gone.append(place.pending.pop(one.unit).layer.image)
                 pending = None
             draft = self._drafted(unit, view, bounds[one.unit], margin) if pending is None else pending.draft
@@ -346,19 +380,21 @@ def _time(place: _Place, unit: int, view: View, bounds: NDArray[np.float64], cos
     return share * costs.of_request(triangles=triangles, draws=len(pieces), pixels=pixels)
 
 
-def _kept(layers: CellLayers, place: _Place, seen: Collection[int], shown: Mapping[int, CapturedLayer]) -> CellLayers:
-    """The stored layers that are still needed: those of which something may be seen that was not captured."""
-    missing = {i for i in seen if i not in shown}
+def _kept(layers: CellLayers, place: _Place, seen: Collection[int], captured: Collection[int]) -> CellLayers:
+    """The stored layers that are still needed: those of which something may be seen that was not ``captured``."""
+    missing = {i for i in seen if i not in captured}
     names = (name for name in layers.names if not missing.isdisjoint(place.cell.owners[name]))
     return CellLayers(layers.cell, tuple(names))
 
 
-def _composed(draws: Sequence[Draw], kept: CellLayers, shown: Mapping[int, CapturedLayer]) -> tuple[Draw, ...]:
-    """``draws`` with captured layers, the nearest first, and the stored layers that are ``kept``."""
+def _composed(
+    draws: Sequence[Draw], kept: CellLayers, held: Sequence[Draw], shown: Mapping[int, CapturedLayer]
+) -> tuple[Draw, ...]:
+    """``draws`` with what was captured, the nearest first, and the stored layers that are ``kept``."""
     found: list[Draw] = []
     for draw in draws:
         if isinstance(draw, CellLayers):
-            found += [one.draw for one in sorted(shown.values(), key=lambda one: (one.depth, one.image))]
+            found += [*held, *(one.draw for one in sorted(shown.values(), key=lambda one: (one.depth, one.image)))]
             draw = kept
         found.append(draw)
     return tuple(found)
