@@ -327,7 +327,10 @@ class DynamicImpostors:
         requests: list[Request] = []
         fresh: list[int] = []
         gone: list[ImageKey] = []
+        late = False
         for one in self._order(candidates, self._frame):
+            if late and not room.fits(one.seconds):
+                continue  # what is left of the time may do for others, which is told quickly
             unit, pending = place.units[one.unit], place.pending.get(one.unit)
             if pending is not None and not pending.layer.covers(view):
                 gone.append(place.pending.pop(one.unit).layer.image)
@@ -341,7 +344,8 @@ class DynamicImpostors:
                 if asked or pending is not None:
                     layer = self._captured(draft, unit, bounds[one.unit]) if pending is None else pending.layer
                     place.pending[one.unit] = _Pending(draft, layer, waiting)
-                continue  # what is left of the time may do for others; in the next frame the first comes first again
+                late = True
+                continue
             room.take(showing)
             place.pending.pop(one.unit, None)
             if one.unit in place.captured:
