@@ -270,7 +270,7 @@ def main() -> None:
     parser.add_argument("--speeds", default="1.4,5,15", metavar="M/S,...", help="(default: %(default)s)")
     parser.add_argument("--excerpts", type=int, default=5, help="of each walk (default: %(default)s)")
     parser.add_argument("--frames", type=int, default=32, help="of each excerpt (default: %(default)s)")
-    parser.add_argument("--scored", type=int, default=20, help="frames of each walk (default: %(default)s)")
+    parser.add_argument("--scored", type=int, default=16, help="frames of each walk (default: %(default)s)")
     parser.add_argument("--tour", type=float, default=300.0, metavar="METRES")
     parser.add_argument(
         "--fps", type=float, default=30.0, help="a frame may take a second by this (default: %(default)s)"
