@@ -25,6 +25,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 from shapely.geometry import LineString, box
+from walks import triangle_lattice
 
 from citygen.generate import generate
 from citygen.shapes.solids import compacted, join, lathe
@@ -198,16 +199,10 @@ def _plain(mesh: TriangleMesh) -> TriangleMesh:
 
 def _finer(mesh: TriangleMesh, side: int) -> TriangleMesh:
     """The same surfaces with every triangle cut into ``side`` squared."""
-    steps = [(i, j) for i in range(side + 1) for j in range(side + 1 - i)]
-    place = {step: k for k, step in enumerate(steps)}
-    weights = np.array([[side - i - j, i, j] for i, j in steps]) / side
-    cells = [(place[i, j], place[i + 1, j], place[i, j + 1]) for i in range(side) for j in range(side - i)]
-    cells += [
-        (place[i + 1, j], place[i + 1, j + 1], place[i, j + 1]) for i in range(side - 1) for j in range(side - 1 - i)
-    ]
+    weights, cells = triangle_lattice(side)
     vertices = np.einsum("kc,mcd->mkd", weights, mesh.vertices[mesh.triangles]).reshape(-1, 3)
-    first = len(steps) * np.arange(len(mesh.triangles))
-    triangles = (np.array(cells)[None] + first[:, None, None]).reshape(-1, 3)
+    first = len(weights) * np.arange(len(mesh.triangles))
+    triangles = (cells[None] + first[:, None, None]).reshape(-1, 3)
     return TriangleMesh(
         vertices, triangles, np.full(len(triangles), PLAIN), np.repeat(mesh.colors, side * side, axis=0)
     )

@@ -53,8 +53,8 @@ _OUTSIDE = 5.0
 """Percent of resampled means that lie outside of an interval."""
 
 
-def detailed(mesh: CityMesh, side: int) -> CityMesh:
-    """The same surfaces with every triangle cut into ``side`` squared: a stand-in for models with that much more detail."""
+def triangle_lattice(side: int) -> tuple[np.ndarray, np.ndarray]:
+    """A triangle cut into ``side`` squared: (n, 3) points as weights of its corners, and (side * side, 3) triangles of them."""
     steps = [(i, j) for i in range(side + 1) for j in range(side + 1 - i)]
     place = {step: k for k, step in enumerate(steps)}
     weights = np.array([[side - i - j, i, j] for i, j in steps]) / side
@@ -62,17 +62,23 @@ def detailed(mesh: CityMesh, side: int) -> CityMesh:
     cells += [
         (place[i + 1, j], place[i + 1, j + 1], place[i, j + 1]) for i in range(side - 1) for j in range(side - 1 - i)
     ]
+    return weights, np.array(cells)
+
+
+def detailed(mesh: CityMesh, side: int) -> CityMesh:
+    """The same surfaces with every triangle cut into ``side`` squared: a stand-in for models with that much more detail."""
+    weights, cells = triangle_lattice(side)
 
     def spread(values: np.ndarray) -> np.ndarray:
         corners = values[mesh.triangles].astype(np.float64)  # (m, 3, d)
         return np.einsum("kc,mcd->mkd", weights, corners).reshape(-1, values.shape[1])
 
-    count, n = len(mesh.triangles), len(steps)
+    count, n = len(mesh.triangles), len(weights)
     return CityMesh(
         positions=spread(mesh.positions).astype(np.float32),
         uv=spread(mesh.uv).astype(np.float32),
         colors=np.rint(spread(mesh.colors)).astype(np.uint8),
-        triangles=(np.array(cells)[None] + n * np.arange(count)[:, None, None]).reshape(-1, 3).astype(np.int32),
+        triangles=(cells[None] + n * np.arange(count)[:, None, None]).reshape(-1, 3).astype(np.int32),
         object_vertices=n * mesh.object_triangles,
         object_triangles=side * side * mesh.object_triangles,
         texture=mesh.texture,

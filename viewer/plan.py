@@ -118,6 +118,12 @@ class ReliefPart:
         return -(-width // RELIEF_QUAD), -(-highest // RELIEF_QUAD)
 
     @property
+    def triangles(self) -> int:
+        """Of its relief."""
+        columns, rows = self.grid
+        return 2 * columns * rows
+
+    @property
     def pixels(self) -> int:
         """How many pixels of what was captured its relief has."""
         _, _, width, height = self.view.window

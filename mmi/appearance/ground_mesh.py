@@ -21,7 +21,7 @@ from mmi.city.model import City
 from mmi.city.terrain import Terrain
 from mmi.city.triangulate import triangulate
 
-__all__ = ["GRAIN", "SKY_HORIZON", "SKY_ZENITH", "ground_mesh", "tile_bounds"]
+__all__ = ["GRAIN", "SKY_HORIZON", "SKY_ZENITH", "ground_mesh"]
 
 SKY_HORIZON = (214, 224, 232)
 """sRGB of the sky at and below the horizon."""
@@ -89,12 +89,6 @@ def ground_mesh(city: City, *, margin: float, tile: float = 200.0) -> CityMesh:
         object_triangles=np.searchsorted(tiles[triangles[:, 0]], starts),
         texture=facades.ground_texture(),
     )
-
-
-def tile_bounds(ground: CityMesh) -> NDArray[np.float64]:
-    """(n, 2, 3) lowest and highest x, y, z of each object of ``ground``, metres; none may be empty."""
-    points, first = ground.positions.astype(np.float64), ground.object_vertices[:-1]
-    return np.stack([np.minimum.reduceat(points, first), np.maximum.reduceat(points, first)], axis=1)
 
 
 def _surfaces(city: City, xs: NDArray[np.float64], ys: NDArray[np.float64]) -> NDArray[np.object_]:

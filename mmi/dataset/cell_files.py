@@ -107,11 +107,8 @@ def read_pictures(dataset: Dataset, cell: str) -> tuple[LayerPicture, ...]:
     _expect_pictures(dataset)
     if not entry.pictures:
         return ()
-    name = str(dataset.path / entry.files.glb.name)
-    contents = read_glb(dataset.read(entry.files.glb), name=name)
-    with _as_described(name):
-        nodes = {node.name: node for node in contents.nodes}
-        return tuple(_picture(entry, sector, one, nodes[one.name], contents.images) for sector, one in entry.pictures)
+    with _layer_nodes(dataset, entry) as (nodes, images):
+        return tuple(_picture(entry, sector, one, nodes[one.name], images) for sector, one in entry.pictures)
 
 
 def read_meshes(dataset: Dataset, cell: str) -> tuple[LayerMesh, ...]:
@@ -122,10 +119,7 @@ def read_meshes(dataset: Dataset, cell: str) -> tuple[LayerMesh, ...]:
     entry = dataset.cell(cell)
     if not entry.pictures:
         return ()
-    name = str(dataset.path / entry.files.glb.name)
-    contents = read_glb(dataset.read(entry.files.glb), name=name)
-    with _as_described(name):
-        nodes = {node.name: node for node in contents.nodes}
+    with _layer_nodes(dataset, entry) as (nodes, _):
         return tuple(_mesh(entry, sector, one, nodes[one.name]) for sector, one in entry.pictures)
 
 
@@ -207,6 +201,15 @@ def _expect_pictures(dataset: Dataset) -> None:
             f"{dataset.path}: a dataset with pictures of its layers expected, found one built with --pictures none, which has "
             "meshes alone; build it with --pictures all"
         )
+
+
+@contextmanager
+def _layer_nodes(dataset: Dataset, entry: CellEntry) -> Iterator[tuple[dict[str, GlbNode], Sequence[GlbImage]]]:
+    """The nodes of a cell's glTF by name, and its images, while they are held against the manifest."""
+    name = str(dataset.path / entry.files.glb.name)
+    contents = read_glb(dataset.read(entry.files.glb), name=name)
+    with _as_described(name):
+        yield {node.name: node for node in contents.nodes}, contents.images
 
 
 @contextmanager

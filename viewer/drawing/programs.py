@@ -10,7 +10,8 @@ declares the view (``eye_from_world``, ``eye``, ``projection``, ``clip``), ``pro
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +25,7 @@ __all__ = ["MODES", "SCREEN_VERTEX", "Program", "Programs"]
 MODES = (False, True)
 """Kinds of pictures: those that are not measured, and those that are."""
 _NEAR, _FAR = 0.1, 20_000.0
+_SAMPLE_ALPHA_TO_COVERAGE = 0x809E
 _TEXTURE_UNITS = ("picture", "depths", "ids", "parts")
 """Names of samplers. The place of a name in this list is its texture unit."""
 _COMMON = """
@@ -101,6 +103,15 @@ class Programs:
     def smooth(self, measured: bool) -> bool:
         """Whether such pictures are multisampled."""
         return self.samples > 0 and not measured
+
+    @contextmanager
+    def covering(self, *, measured: bool) -> Iterator[None]:
+        """Within it, the alpha of what is drawn into multisampled pictures becomes coverage of their samples."""
+        if self.smooth(measured):
+            self.context.enable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
+        yield
+        if self.smooth(measured):
+            self.context.disable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
 
     def look_through(self, view: View, *, measured: bool, downwards: bool = False) -> None:
         """Tell all programs for such pictures what the next draws are seen through.

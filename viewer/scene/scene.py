@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.appearance.city_mesh import CityMesh, object_boxes
-from mmi.appearance.ground_mesh import tile_bounds
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.city.terrain import Terrain
 from mmi.dataset.city_files import read_city_mesh
@@ -149,7 +148,7 @@ def open_scene(
         ground=ground,
         terrain=terrain,
         ground_height=manifest.city.ground,
-        tiles=tile_bounds(ground) if like is None else like.tiles,
+        tiles=object_boxes(ground) if like is None else like.tiles,
         boxes=object_boxes(mesh) if like is None else like.boxes,
         whereabouts=Whereabouts(cells, {entry.id: entry.neighbours for entry in manifest.cells}),
         objects=objects,

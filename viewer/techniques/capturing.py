@@ -31,9 +31,7 @@ class Draft(NamedTuple):
 
     def cost(self, costs: Costs) -> float:
         """Seconds that drawing it takes, not capturing it."""
-        columns, rows = self.part.grid
-        whole = costs.of_draws(triangles=2 * columns * rows, draws=1, relief=self.part.pixels)
-        return whole - costs.frame
+        return costs.of_draws(triangles=self.part.triangles, draws=1, relief=self.part.pixels) - costs.frame
 
 
 class Room:
@@ -46,14 +44,9 @@ class Room:
 
     def __init__(self, budget: Budget, predicted: float, plain: float, *, still: bool) -> None:
         self.costs = budget.costs
-        self._free = still
         self._updates = budget.updates - (0.0 if still else max(predicted - plain, 0.0))
         self._frame = max(budget.frame - predicted, _PROGRESS * budget.frame if still else 0.0)
         self._most = min(self._updates, self._frame)
-
-    def showing(self, draft: Draft) -> float:
-        """Seconds that showing a capture takes of it."""
-        return 0.0 if self._free else draft.cost(self.costs)
 
     def fits_ever(self, seconds: float) -> bool:
         """Whether there was room for so much when the frame began."""

@@ -182,7 +182,8 @@ class DynamicImpostors:
         shown, errors = self._valid(place, view, stored_errors)
         still = last is None or np.array_equal(last.eye_from_world, view.eye_from_world)
         drops += self._hold(place, view, bounds, still=still)
-        done = set() if place.held is None else place.held.done
+        held = place.held
+        done = set() if held is None else held.done  # grows as layers are added to it
         shown = {i: one for i, one in shown.items() if i not in done}
         candidates = [
             Candidate(
@@ -193,11 +194,10 @@ class DynamicImpostors:
                 _time(place, i, view, bounds[i], budget.costs),
             )
             for i in seen
-            if (i not in done if still else not (i in shown and shown[i].aligned(view)) and errors[i] > self._worth)
+            if (i not in done if still else errors[i] > self._worth)
         ]
         plain = self._predicted(stored, layers, place, {}, budget.costs)
-        kept = _kept(layers, place, seen, {*shown, *done})
-        predicted = self._predicted(stored, kept, place, shown, budget.costs)
+        predicted = self._predicted(stored, _kept(layers, place, seen, {*shown, *done}), place, shown, budget.costs)
         for i in sorted(shown, key=lambda i: stored_errors[i] - errors[i]):
             if still or predicted <= min(budget.frame, plain + budget.updates):
                 break
@@ -205,19 +205,18 @@ class DynamicImpostors:
             predicted = self._predicted(stored, _kept(layers, place, seen, shown), place, shown, budget.costs)
         room = Room(budget, predicted, plain, still=still)
         gone: list[ImageKey] = []
-        if place.held is not None:
+        if held is not None:
             order = [one.unit for one in self._order(candidates, self._frame)]
-            requests = place.held.add(order, place.units, room)
-            place.asked |= dict.fromkeys(place.held.done.intersection(order), self._frame)
-            shown = {i: one for i, one in shown.items() if i not in place.held.done}
+            requests = held.add(order, place.units, room)
+            place.asked |= dict.fromkeys(done.intersection(order), self._frame)
+            shown = {i: one for i, one in shown.items() if i not in done}
         else:
-            margin = _MARGIN if last is None else _margin(last, view)
+            margin = _margin(last or view, view)
             requests, fresh, gone = self._update(place, view, candidates, bounds, margin, room, shown)
             fresh_errors = _errors({i: place.captured[i].parallax for i in fresh}, view)
             shown |= {i: place.captured[i] for i in fresh if fresh_errors[i] <= errors[i]}
-        held = () if place.held is None else place.held.draws
-        kept = _kept(layers, place, seen, {*shown, *(place.held.done if place.held is not None else ())})
-        draws = _composed(stored.draws, kept, held, shown)
+        kept = _kept(layers, place, seen, {*shown, *done})
+        draws = _composed(stored.draws, kept, () if held is None else held.draws, shown)
         return replace(stored, draws=draws, requests=requests, drops=(*drops, *gone))
 
     # ------------------------------------------------------------------------------------------------ what is valid
@@ -302,7 +301,7 @@ class DynamicImpostors:
     ) -> float:
         """Seconds that the frame is predicted to take without updates; ``kept`` are stored layers that it draws."""
         triangles = place.near_triangles + sum(place.stored_triangles[name] for name in kept.names)
-        triangles += sum(one.triangles for one in shown.values())
+        triangles += sum(one.part.triangles for one in shown.values())
         for draw in stored.draws:
             if isinstance(draw, Ground):
                 triangles += int(self._scene.ground.triangle_counts[list(draw.tiles)].sum())
@@ -337,7 +336,7 @@ class DynamicImpostors:
                 pending = None
             draft = self._drafted(unit, view, bounds[one.unit], margin) if pending is None else pending.draft
             strips = (draft.place.window[2],) if pending is None else pending.strips
-            showing = 0.0 if one.unit in shown else room.showing(draft)
+            showing = 0.0 if one.unit in shown else draft.cost(room.costs)
             asked, waiting = fitting(draft, unit, strips, room, showing=showing)
             requests += asked
             if waiting:

@@ -263,12 +263,6 @@ class CapturedLayer:
         """What shows it."""
         return Relief(self.image, (self.part,))
 
-    @property
-    def triangles(self) -> int:
-        """Of what shows it."""
-        columns, rows = self.part.grid
-        return 2 * columns * rows
-
     def aligned(self, view: View) -> bool:
         """Whether ``view`` looks from the same point through the same image plane: a texel is a pixel of it."""
         return self.view.focal == view.focal and np.array_equal(self.view.eye_from_world, view.eye_from_world)

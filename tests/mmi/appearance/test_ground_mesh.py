@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import LineString, Point, Polygon, box
 
-from mmi.appearance.ground_mesh import ground_mesh, tile_bounds
+from mmi.appearance.city_mesh import object_boxes
+from mmi.appearance.ground_mesh import ground_mesh
 from mmi.city.model import City, CityObject, Prism
 from mmi.city.terrain import Terrain
 from mmi.reading.read_city import read_city
@@ -83,7 +84,7 @@ def cuts_along(mesh, tile: int, axis: int, line: float) -> list[tuple[float, flo
 
 def assert_tiles_fit(mesh) -> None:
     """Every tile is full, and neighbours meet vertex to vertex: sides along their border are the same on either side."""
-    bounds = tile_bounds(mesh)[:, :, :2].reshape(-1, 4)
+    bounds = object_boxes(mesh)[:, :, :2].reshape(-1, 4)
     per_tile = np.add.reduceat(areas(mesh), mesh.object_triangles[:-1])
     np.testing.assert_allclose(per_tile, np.prod(bounds[:, 2:] - bounds[:, :2], axis=1), rtol=1e-5, atol=1e-3)
     assert bounds[np.lexsort((bounds[:, 0], bounds[:, 1]))].tolist() == bounds.tolist()  # row by row
@@ -105,8 +106,8 @@ def assert_tiles_fit(mesh) -> None:
 
 def test_tiles_fit_and_show_the_same_ground():
     whole, tiled = (ground_mesh(crossroads(2.0), margin=50.0, tile=tile) for tile in (1000.0, 40.0))
-    assert tile_bounds(whole).tolist() == [[[-150.0, -150.0, 2.0], [150.0, 150.0, 2.0]]]
-    assert len(tile_bounds(tiled)) == 8 * 8
+    assert object_boxes(whole).tolist() == [[[-150.0, -150.0, 2.0], [150.0, 150.0, 2.0]]]
+    assert len(object_boxes(tiled)) == 8 * 8
     assert_tiles_fit(tiled)
     for x, y in np.random.default_rng(3).uniform(-149.0, 149.0, (60, 2)):
         assert color_at(tiled, x, y) == color_at(whole, x, y)
@@ -139,7 +140,7 @@ def test_tiles_fit_whatever_lies_on_their_borders(lines, houses, tile, shift):
 def test_tiles_of_a_real_city_fit():
     city, _ = read_city(HELSINKI)
     mesh = ground_mesh(city, margin=300.0)
-    assert (np.ptp(tile_bounds(mesh), axis=1) <= 200.0).all()
+    assert (np.ptp(object_boxes(mesh), axis=1) <= 200.0).all()
     assert_tiles_fit(mesh)
 
 

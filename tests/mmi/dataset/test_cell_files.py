@@ -13,8 +13,8 @@ from manifests import with_first_cell, with_first_picture
 from PIL import Image
 from rasters import psnr
 
-from mmi.appearance.city_mesh import build_city_mesh, triangles_of
-from mmi.appearance.ground_mesh import ground_mesh, tile_bounds
+from mmi.appearance.city_mesh import build_city_mesh, object_boxes, triangles_of
+from mmi.appearance.ground_mesh import ground_mesh
 from mmi.building.cell import build_cell
 from mmi.building.dataset import build_dataset
 from mmi.capture.layer_values import GridMesh, LayerPicture
@@ -288,11 +288,11 @@ def test_rims_keep_the_ids_of_near_objects(tmp_path):
 def test_the_city_is_read_with_its_ground_in_tiles(built):
     mesh, ground = read_city_mesh(built)
     expected, tiles = build_city_mesh(crossroads()), ground_mesh(crossroads(), margin=300.0)
-    assert len(tile_bounds(tiles)) > 9
+    assert len(object_boxes(tiles)) > 9
     for found, made in ((mesh, expected), (ground, tiles)):
         for name in ("positions", "uv", "colors", "triangles", "object_vertices", "object_triangles", "texture"):
             assert np.array_equal(getattr(found, name), getattr(made, name)), name
-    assert np.array_equal(tile_bounds(ground), tile_bounds(tiles))
+    assert np.array_equal(object_boxes(ground), object_boxes(tiles))
 
 
 def test_an_object_may_be_called_like_the_ground(tmp_path):

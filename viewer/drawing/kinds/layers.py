@@ -33,7 +33,6 @@ __all__ = ["LayersDrawer"]
 _MOST_VIEWS = 16
 """Sets of layers that a cell keeps as index buffers; a viewer who turns around meets a new one every few degrees."""
 _VERTEX_BYTES = 24
-_SAMPLE_ALPHA_TO_COVERAGE = 0x809E
 _VERTEX = """
 in vec3 position;
 in vec3 texture_from_capture;  // texture coordinates times depth in the capture, and that: linear in space, so projective
@@ -168,7 +167,7 @@ class LayersDrawer:
     """Draws :class:`viewer.plan.CellLayers`, of cells that were uploaded; ``measured`` keeps object ids of layers as well."""
 
     def __init__(self, programs: Programs, images: Images, *, measured: bool) -> None:
-        self._context, self._smooth, self._measured = programs.context, programs.smooth, measured
+        self._context, self._covering, self._measured = programs.context, programs.covering, measured
         self._images = images
         plain, deep, captured = (
             programs.make(_VERTEX, _FRAGMENT, flags=flags)
@@ -213,8 +212,6 @@ class LayersDrawer:
             share = (cell.size[0] / image.room[0], cell.size[1] / image.room[1])
         for unit, texture in enumerate(textures):
             texture.use(unit)
-        if self._smooth(measured):
-            self._context.enable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
         values = {
             "captured_from": cell.eye.astype("f4").tobytes(),
             "viewer": (view.eye - cell.eye).astype("f4").tobytes(),
@@ -222,13 +219,12 @@ class LayersDrawer:
             "share": np.array(share, dtype="f4").tobytes(),
         }
         counts = []
-        for program, some in zip(self._programs[cell.image is not None], cell.sets[draw.names], strict=True):
-            if some.count:
-                program[measured].set(values)
-                some.arrays[measured].render()
-                counts.append(some.count)
-        if self._smooth(measured):
-            self._context.disable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
+        with self._covering(measured=measured):
+            for program, some in zip(self._programs[cell.image is not None], cell.sets[draw.names], strict=True):
+                if some.count:
+                    program[measured].set(values)
+                    some.arrays[measured].render()
+                    counts.append(some.count)
         return counts
 
     def _layer_set(self, cell: _CellOnGpu, names: tuple[str, ...]) -> tuple[Triangles, Triangles]:

@@ -32,7 +32,6 @@ __all__ = ["ReliefsDrawer"]
 
 _TEXELS = 5
 """Texels of four numbers that say where a part is; those of its spans come after them."""
-_SAMPLE_ALPHA_TO_COVERAGE = 0x809E
 _MOST_GRIDS = 64
 _VERTEX = """
 uniform sampler2D depths;  // captured, along the axis; 0 where nothing is
@@ -123,7 +122,7 @@ class ReliefsDrawer:
     """Draws :class:`viewer.plan.Relief` of images that were captured."""
 
     def __init__(self, programs: Programs, images: Images) -> None:
-        self._context, self._images, self._smooth = programs.context, images, programs.smooth
+        self._context, self._images, self._covering = programs.context, images, programs.covering
         vertex = _VERTEX.replace("QUAD", str(RELIEF_QUAD))
         self._programs = programs.make(vertex, _FRAGMENT)
         self._grids: dict[tuple[int, int], tuple[Any, dict[bool, Any]]] = {}
@@ -137,12 +136,9 @@ class ReliefsDrawer:
         columns, rows = np.max([part.grid for part in draw.parts], axis=0).tolist()
         for unit, texture in enumerate((image.color, image.depth, image.ids, self._told(draw, view, columns))):
             texture.use(unit)
-        if self._smooth(measured):
-            self._context.enable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
         self._programs[measured].set({"grid": np.array([columns, rows], dtype="i4").tobytes()})
-        self._grid(columns, rows)[measured].render(moderngl.TRIANGLES, instances=len(draw.parts))
-        if self._smooth(measured):
-            self._context.disable_direct(_SAMPLE_ALPHA_TO_COVERAGE)
+        with self._covering(measured=measured):
+            self._grid(columns, rows)[measured].render(moderngl.TRIANGLES, instances=len(draw.parts))
         return [2 * columns * rows * len(draw.parts)]
 
     def _told(self, draw: Relief, view: View, columns: int) -> Any:  # noqa: ANN401
