@@ -128,8 +128,10 @@ def walked_beside(
             )
             for name, (technique, updates) in made.items()
         }
+        turn = 0
         for i, step in enumerate(steps):
-            for name in names if i % 2 else reversed(names):
+            turn += 2 if step.cut else 1  # so that excerpts do not all begin with the same one
+            for name in names if turn % 2 else reversed(names):
                 frame = loops[name].frame(step.pose, step.time, cut=step.cut)
                 times[name].append(frame.times)
                 plans[name].append(frame.plan)

@@ -194,6 +194,16 @@ class Renderer:
                 done=Done(captured, drawn),
             )
 
+    def prepare(self, plan: Plan, view: View) -> float:
+        """Make what drawing ``plan`` for the first time makes, sets of objects for instance; the seconds that took.
+
+        What it draws, on the screen or into images, is drawn once for nothing; only reliefs are not, which need their images.
+        Raises what :meth:`draw` does.
+        """
+        draws = (*plan.draws, *(draw for request in plan.requests for draw in request.draws))
+        some = tuple(draw for draw in draws if not isinstance(draw, Relief))
+        return self.draw(Plan(some), view, read=False).seconds
+
     def execute(self, plan: Plan) -> Work:
         """Execute the requests of a plan and draw nothing: what they took. Raises what :meth:`draw` does."""
         with self._context:

@@ -70,27 +70,33 @@ def frame_summary(seconds: Sequence[float]) -> dict[str, float]:
     return _percentiles([1000.0 * one for one in seconds], 50, 95, 99)
 
 
-def settling_summary(settled: Sequence[int | None], layers: Sequence[int], *, held: int) -> dict[str, Any]:
-    """After how many frames a technique's views had settled, of views that were ``held`` for so many frames.
+def settling_summary(
+    alike: Sequence[int | None], settled: Sequence[int | None], layers: Sequence[int], *, held: int
+) -> dict[str, Any]:
+    """After how many frames a technique's views were like the geometry, of views that were ``held`` for so many frames.
 
-    ``settled`` has None for a view that had not settled then, and ``layers`` says how many layers a view shows.
+    ``alike`` counts frames that captured something until the view was like the geometry's
+    (:func:`viewer.measuring.view_errors.alike`), ``settled`` those until nothing was left to capture; both have None for a view
+    that never came there. ``layers`` says how many layers a view shows.
 
-    - ``settled_frames``: p50, p99 and max over the views that settled, null where none did; ``unsettled``: the others;
+    - ``alike_frames``: p50, p99 and max over the views that came there, null where none did; ``unlike``: the others;
+    - ``settled_frames`` and ``unsettled``: the same of views that settled;
     - ``layers``: p50 and max over all views;
-    - ``later_than_layers``: how many views took more frames than they have layers. One that has not settled took as many as
-      it was held for at least, and counts where those are more.
+    - ``later_than_layers``: how many views took more frames to be like the geometry than they have layers. One that never was
+      took as many as it was held for at least, and counts where those are more.
 
     Raises ValueError for no views at all.
     """
-    if not settled:
+    if not alike:
         raise ValueError("one view at least expected, found none")
-    known = [one for one in settled if one is not None]
-    return {
-        "settled_frames": _percentiles(known, 50, 99) if known else None,
-        "unsettled": len(settled) - len(known),
+    found: dict[str, Any] = {}
+    for name, rest, some in (("alike_frames", "unlike", alike), ("settled_frames", "unsettled", settled)):
+        known = [one for one in some if one is not None]
+        found |= {name: _percentiles(known, 50, 99) if known else None, rest: len(some) - len(known)}
+    return found | {
         "layers": _percentiles(layers, 50),
         "later_than_layers": sum(
-            (held if after is None else after) > count for after, count in zip(settled, layers, strict=True)
+            (held if after is None else after) > count for after, count in zip(alike, layers, strict=True)
         ),
     }
 

@@ -19,8 +19,11 @@ from mmi.foundation.thickness import thickness
 from viewer.drawing.drawn_picture import DrawnPicture
 
 __all__ = [
+    "ALIKE_DB",
+    "ALIKE_PX",
     "ViewErrors",
     "WrongRegions",
+    "alike",
     "beyond_resampling",
     "flip_map",
     "pop",
@@ -30,6 +33,8 @@ __all__ = [
     "wrong_regions",
 ]
 
+ALIKE_DB, ALIKE_PX = 40.0, 2.0
+"""A picture is like the geometry's whose PSNR is at least so many decibels, without wrong regions of more pixels."""
 _SSIM_WINDOW = 11
 """The side of the window of Wang et al. 2004, in pixels."""
 
@@ -120,6 +125,14 @@ def wrong_regions(truth: DrawnPicture, shown: DrawnPicture) -> WrongRegions:
         raise ValueError(f"pictures of one size expected, found {truth.object_ids.shape} and {shown.object_ids.shape}")
     wrong = truth.object_ids != shown.object_ids
     return WrongRegions(wrong, (truth.object_ids >= 0) & (shown.object_ids < 0))
+
+
+def alike(truth: DrawnPicture, shown: DrawnPicture) -> bool:
+    """Whether two measured pictures of a view are hard to tell apart: at least ``ALIKE_DB``, no wrong region past ``ALIKE_PX``.
+
+    Raises what :func:`wrong_regions` does.
+    """
+    return psnr(truth.color, shown.color) >= ALIKE_DB and thickness(wrong_regions(truth, shown).wrong) <= ALIKE_PX
 
 
 def beyond_resampling(truth: DrawnPicture, shown: DrawnPicture) -> WrongRegions:

@@ -258,7 +258,7 @@ def _compare(options: argparse.Namespace) -> None:
 
 
 def _print_settling(report: dict[str, Any], talk: Console) -> None:
-    """After how many frames views had settled, where they were held."""
+    """After how many frames views were like the geometry, where they were held."""
     held = {name: one["settling"] for name, one in report["techniques"].items() if one["settling"] is not None}
     if not held:
         return
@@ -267,16 +267,20 @@ def _print_settling(report: dict[str, Any], talk: Console) -> None:
         f"\nviews that were held for {report['held_frames']} frames, and have {layers['p50']:g} / {layers['max']:g} layers:"
     )
     for name, one in held.items():
-        after = one["settled_frames"]
-        frames = (
-            "none settled"
-            if after is None
-            else f"settled after {after['p50']:g} / {after['p99']:.3g} / {after['max']:g} frames"
-        )
         talk.print(
-            f"  {name}: {frames}, {one['unsettled']} not, {one['later_than_layers']} after more frames than layers"
+            f"  {name}: {_frames_told('like the geometry', one['alike_frames'])}, {one['unlike']} not, "
+            f"{one['later_than_layers']} after more frames than layers; "
+            f"{_frames_told('settled', one['settled_frames'])}, {one['unsettled']} not"
         )
-    talk.print("frames: p50 / p99 / max of the views that settled; layers: p50 / max", style="dim")
+    talk.print("frames: p50 / p99 / max of the views that came there; layers: p50 / max", style="dim")
+
+
+def _frames_told(what: str, after: dict[str, float] | None) -> str:
+    return (
+        f"none {what}"
+        if after is None
+        else f"{what} after {after['p50']:g} / {after['p99']:.3g} / {after['max']:g} frames"
+    )
 
 
 def _print_movers(report: dict[str, Any], talk: Console) -> None:

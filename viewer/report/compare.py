@@ -37,7 +37,7 @@ from viewer.report.entries import (
     technique_of,
     worst_views,
 )
-from viewer.report.held_views import HeldView, held_again, hold_view, layers_shown, settled_frames
+from viewer.report.held_views import HeldView, alike_after, held_again, hold_view, layers_shown, settled_frames
 from viewer.report.options import CompareOptions
 from viewer.report.page import write_report
 from viewer.report.walk_scores import score_walk, spread
@@ -78,6 +78,7 @@ def compare_views(
     # Timed first, in peace: comparing takes all processors.
     held: dict[str, list[HeldView]] = {entry.name: [] for entry in options.entries}
     settled: dict[str, list[int | None]] = {entry.name: [] for entry in options.entries}
+    alike: dict[str, list[int | None]] = {entry.name: [] for entry in options.entries}
     layers: list[int] = []
     tallies: dict[str, list[FrameTally]] = {entry.name: [] for entry in options.entries}
     with (
@@ -121,7 +122,9 @@ def compare_views(
             truth = judge.truth(reference.plan(view, now=0.0, budget=Budget()), pose, cell)
             for entry in compared:
                 technique = make_technique(entry, scenes, frames=options.mover_frames, at=options.movers_time)
-                with held_again(technique, renderer, cache, view, held[entry.name][done]) as plan:
+                with held_again(technique, renderer, cache, view, held[entry.name][done]) as plans:
+                    plan, after = alike_after(plans, renderer, view, truth[0])
+                    alike[entry.name].append(after)
                     judge.score(entry.name, plan, pose, truth, cell=cell)
         tell(views, views, "views scored")
         scores = by_technique(judge.results())
@@ -135,7 +138,7 @@ def compare_views(
             gpu=[frame.gpu for frame in frames[entry.name]],
             done=[frame.done for frame in frames[entry.name]],
             target=1.0 / options.frames_per_second,
-            settling=settling_summary(settled[entry.name], layers, held=options.settle)
+            settling=settling_summary(alike[entry.name], settled[entry.name], layers, held=options.settle)
             if entry.name in scores and options.settle > 1
             else None,
             movers=movers_of(tallies[entry.name]),
@@ -143,7 +146,7 @@ def compare_views(
         for entry in options.entries
     }
     report = report_of(main, device, options, mode="views", views=views, seed=seed, techniques=techniques)
-    told = scored_views(scores, frames=settled if options.settle > 1 else {}, layers=layers)
+    told = scored_views(scores, frames=alike if options.settle > 1 else {}, layers=layers)
     report |= {"walk": None, "series": None, "scored": told, "worst": worst, "videos": []}
     write_report(report, out)
     return report

@@ -2,6 +2,7 @@
 
     hold_view     draw the frames, time them, and record the budgets they were planned with
     held_again    plan them once more with the budgets that were recorded, and so draw the same: what is scored
+    alike_after   after how many of them the picture is like the geometry's
 
 Nothing is known of a viewer who was put into a view, so each view wants a fresh technique. What comes to the picture while the
 viewer stands is what requests capture: a technique that plans none shows the same in every frame.
@@ -19,10 +20,20 @@ from mmi.foundation.camera import View
 from viewer.cells.cell_cache import CellCache
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
+from viewer.measuring.view_errors import alike
 from viewer.plan import Budget, CellLayers, Costs, Done, Plan, Technique
 from viewer.runtime.cost_model import CostModel
 
-__all__ = ["HeldFrame", "HeldView", "held_again", "hold_view", "layers_shown", "settled_after", "settled_frames"]
+__all__ = [
+    "HeldFrame",
+    "HeldView",
+    "alike_after",
+    "held_again",
+    "hold_view",
+    "layers_shown",
+    "settled_after",
+    "settled_frames",
+]
 
 _PATIENT = 3600.0
 """Seconds for a frame that has time for everything."""
@@ -94,22 +105,45 @@ def hold_view(
 @contextmanager
 def held_again(
     technique: Technique, renderer: Renderer, cache: CellCache, view: View, held: HeldView
-) -> Iterator[Plan]:
-    """Plan the frames of ``held`` again with a fresh technique, and capture what they ask for. Yields the last frame's plan.
+) -> Iterator[Iterator[tuple[Plan, bool]]]:
+    """Plan the frames of ``held`` again with a fresh technique, and capture what they ask for. Yields the plans, one by one.
 
-    The plans are those of ``held``, because they follow from its budgets. The last one is for the caller to draw; what was
-    captured is forgotten in the end. Raises DatasetError where a cell's files are missing or damaged.
+    They are those of ``held``, because they follow from its budgets. Requests were executed when a plan comes, so that it has
+    none; with it comes whether it had some. What was captured is forgotten in the end. Raises DatasetError where a cell's files
+    are missing or damaged.
     """
     plans: list[Plan] = []
-    try:
+
+    def again() -> Iterator[tuple[Plan, bool]]:
         for frame in held.frames:
-            if plans and (plans[-1].requests or plans[-1].drops):
-                _load(cache, plans[-1])
-                renderer.execute(plans[-1])
-            plans.append(technique.plan(view, now=frame.time, budget=frame.budget))
-        yield plans[-1]
+            plan = technique.plan(view, now=frame.time, budget=frame.budget)
+            plans.append(plan)
+            _load(cache, plan)
+            renderer.execute(plan)
+            yield replace(plan, requests=(), drops=()), bool(plan.requests)
+
+    try:
+        yield again()
     finally:
         _forget(renderer, plans)
+
+
+def alike_after(
+    plans: Iterable[tuple[Plan, bool]], renderer: Renderer, view: View, truth: DrawnPicture
+) -> tuple[Plan, int | None]:
+    """The last of ``plans`` (:func:`held_again`), and how many frames captured something until the picture was like ``truth``.
+
+    None where it never was (:func:`viewer.measuring.view_errors.alike`); 0 where it was before anything was captured.
+    """
+    last: Plan | None = None
+    captured, after = 0, None
+    for plan, asked in plans:
+        captured += asked
+        if after is None and (asked or last is None) and alike(truth, renderer.draw(plan, view, measured=True)):
+            after = captured
+        last = plan
+    assert last is not None, "a view is held for a frame at least"
+    return last, after
 
 
 def settled_frames(technique: Technique, view: View, held: HeldView) -> int | None:

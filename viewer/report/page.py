@@ -88,7 +88,7 @@ def _page(report: Mapping[str, Any], folder: Path) -> str:
         plots.append(
             _figure(
                 settling(scored, held=report["held_frames"]),
-                "The share of views that had settled after so many frames; dashed: that have at most so many layers",
+                "The share of views that were like the geometry after so many frames; dashed: that have at most so many layers",
             )
         )
     parts = [

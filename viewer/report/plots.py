@@ -154,9 +154,9 @@ def distributions(scored: Scored, *, promise_px: float | None) -> Figure:
 
 
 def settling(scored: Scored, *, held: int) -> Figure:
-    """For each number of frames up to ``held``, the share of views that had settled then; dashed, the layers of views.
+    """For each number of frames up to ``held``, the share of views like the geometry then; dashed, the layers of views.
 
-    A view that had not settled when it was scored never counts.
+    A view that was not when it was scored never counts.
     """
     figure = new_figure(8.0, 3.4)
     axes = figure.subplots()
@@ -170,7 +170,7 @@ def settling(scored: Scored, *, held: int) -> Figure:
     axes.set_xlim(0, end)
     axes.set_ylim(0.0, 103.0)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    _finish(axes, "views (%) settled within")
+    _finish(axes, "views (%) alike within")
     axes.set_xlabel("frames; dashed: layers", fontsize=SMALL)
     _legend(figure, scored)
     return figure

@@ -51,11 +51,15 @@ LIKENESS = (
     Column("pop, FLIP", "max", ("pop", "max"), "fourth"),
 )
 UPDATES = (
+    Column("like the geometry after, frames", "p50", ("settling", "alike_frames", "p50")),
+    Column("like the geometry after, frames", "p99", ("settling", "alike_frames", "p99")),
+    Column("like the geometry after, frames", "max", ("settling", "alike_frames", "max")),
+    Column("views like the geometry", "not", ("settling", "unlike")),
+    Column("views like the geometry", "later than layers", ("settling", "later_than_layers")),
     Column("settled after, frames", "p50", ("settling", "settled_frames", "p50")),
     Column("settled after, frames", "p99", ("settling", "settled_frames", "p99")),
     Column("settled after, frames", "max", ("settling", "settled_frames", "max")),
     Column("views that settled", "not", ("settling", "unsettled")),
-    Column("views that settled", "later than layers", ("settling", "later_than_layers")),
     Column("layers of a view", "p50", ("settling", "layers", "p50")),
     Column("layers of a view", "max", ("settling", "layers", "max")),
     Column("pop of updates, FLIP", "frames", ("update_pop", "frames")),
@@ -127,6 +131,12 @@ _TERMS = (
         "The peak signal-to-noise ratio and the structural similarity of two pictures (1 where they are alike).",
     ),
     (
+        "like the geometry after, frames",
+        "like the geometry",
+        "A view is like the geometry where its PSNR is at least 40 dB and no wrong region is thicker than 2 px. Frames "
+        "count that captured something until it was.",
+    ),
+    (
         "settled after, frames",
         "settled",
         "A view has settled when the technique captures nothing for it any more, though it had the time, and draws the same "
@@ -135,7 +145,7 @@ _TERMS = (
     (
         "layers of a view",
         "layers",
-        "How many layers multi-mesh draws in the view. A technique that captures one in each frame settles after so many.",
+        "How many layers multi-mesh draws in the view. A technique that captures one in each frame is done after so many.",
     ),
     (
         "pop, FLIP",

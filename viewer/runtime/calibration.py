@@ -19,8 +19,11 @@ from viewer.runtime.loop import Painter
 from viewer.scene.scene import WalkScene
 from viewer.walks.walk import Pose
 
-__all__ = ["calibrated"]
+__all__ = ["CAUTION", "calibrated"]
 
+CAUTION = 1.3
+"""Costs are so many times what was found. The first frames of a walk cover more of the view than those drawn here, and what is
+drawn for the first time takes longer; costs that are too high are lowered by a few frames, too low ones make them late."""
 _SECONDS = 0.6
 """Of drawing; what comes on top is the first time that each frame is drawn, and making their sets of objects."""
 _ROUNDS = 9
@@ -52,10 +55,11 @@ def calibrated(painter: Painter, scene: WalkScene) -> Costs:
             spent += picture.seconds
     images = dict.fromkeys(request.into.image for plan in plans for request in plan.requests)
     painter.draw(Plan((Sky(),), drops=tuple(images)), view, read=False)
-    return fitted(
+    costs = fitted(
         [_typical([one.draws for one in some]) for some in done],
         [_typical([one.requests for one in some]) for some in done],
     )
+    return Costs(*(CAUTION * cost for cost in costs))
 
 
 def _plans(scene: WalkScene) -> tuple[list[Plan], View]:
@@ -68,7 +72,7 @@ def _plans(scene: WalkScene) -> tuple[list[Plan], View]:
     )
     view = pose.view(scene.camera)
     ground = scene.ground_in(view)
-    seen = _at_most(scene, scene.cell(cell.id).visible)
+    seen = _at_most(scene, _in_front(scene, view, scene.cell(cell.id).visible))
     some = Objects(f"{_OWNER} seen", seen)
     few = Objects(f"{_OWNER} few", seen[:: max(1, len(seen) // 4)])
     far = Objects(f"{_OWNER} all", _at_most(scene, np.arange(len(scene.mesh.triangle_counts))))
@@ -94,9 +98,15 @@ def _plans(scene: WalkScene) -> tuple[list[Plan], View]:
 
 
 def _at_most(scene: WalkScene, objects: np.ndarray) -> np.ndarray:
-    """``objects`` (n,), or some spread over them that have no more than about ``_TRIANGLES``."""
-    count = int(scene.mesh.triangle_counts[objects].sum())
-    return objects[:: -(-count // _TRIANGLES)] if count > _TRIANGLES else objects
+    """The first of ``objects`` (n,) as far as they have no more than about ``_TRIANGLES``."""
+    return objects[: 1 + int(np.searchsorted(np.cumsum(scene.mesh.triangle_counts[objects]), _TRIANGLES))]
+
+
+def _in_front(scene: WalkScene, view: View, objects: np.ndarray) -> np.ndarray:
+    """``objects`` (n,), the nearest to what ``view`` looks at first: together they cover what they are seen through."""
+    middle = scene.boxes[objects].mean(axis=1) @ view.eye_from_world[:3, :3].T + view.eye_from_world[:3, 3]
+    aside = np.hypot(middle[:, 0], middle[:, 1])
+    return objects[np.argsort(np.where(middle[:, 2] < 0.0, aside / -middle[:, 2], math.inf), kind="stable")]
 
 
 def _captured(name: str, view: View, *draws: Draw) -> Request:

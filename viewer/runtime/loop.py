@@ -45,6 +45,10 @@ milliseconds. It gets it while OpenGL draws."""
 class Painter(Protocol):
     """What draws plans: a renderer, or a test's double of one."""
 
+    def prepare(self, plan: Plan, view: View) -> float:
+        """Make what drawing ``plan`` for the first time makes, so that it takes no longer than later; the seconds that took."""
+        ...
+
     def draw(self, plan: Plan, view: View, *, read: bool = True) -> DrawnPicture:
         """Draw ``plan`` as ``view`` sees it."""
         ...
@@ -57,7 +61,8 @@ class FrameTimes:
     ``gpu`` is what the GPU says of the drawing. ``entered``: the viewer is in another cell than in the last frame.
     ``planning`` is the making of the plan, which was told ``budget``; ``done`` says what the plan's requests and what its draws
     took of ``drawing``. ``loading`` is what a walk waits for before its first frame and where it is cut, as behind a loading
-    screen: the plan, its cell and the one that it will most likely come to next; no part of ``total``, nor of ``planning``.
+    screen: the plan, its cell and the one that it will most likely come to next, and what drawing for the first time takes; no
+    part of ``total``, nor of ``planning``.
     """
 
     time: float
@@ -154,6 +159,7 @@ class FrameLoop:
             loading = 0.0
             if cut:
                 loading = planned + self._cache.require((*plan.cells, *plan.ahead[:1]), counted=False)
+                loading += self._painter.prepare(plan, view)
                 planned = 0.0
             waiting = self._cache.require(plan.cells)
             picture = self._painter.draw(plan, view, read=read)

@@ -6,7 +6,7 @@ import pytest
 from mmi.foundation.camera import view_towards
 from viewer.drawing.kinds import meshes
 from viewer.drawing.renderer import Renderer
-from viewer.plan import Objects, Plan, Sky
+from viewer.plan import ImageKey, Objects, Plan, Relief, ReliefPart, Request, Sky, Slot
 
 SIZE = (64, 48)
 
@@ -65,3 +65,20 @@ def test_a_set_that_is_larger_than_all_room_is_drawn(scene, monkeypatch):
     with Renderer(scene.mesh, scene.ground, size=SIZE) as renderer:
         found = [draw(renderer, place, [some, Objects("one", place.visible[:1])]).color for _ in range(2)]
     assert np.array_equal(*found)
+
+
+def test_what_a_plan_draws_is_made_before_it_is_drawn(scene, made):
+    """What it draws into images as well, of which nothing stays; reliefs of images that are not there yet are left out."""
+    place = scene.cell("0001-01")
+    view = view_towards(place.cell.reference, 0.3, 0.0, focal=55.0, window=(-32, -24, *SIZE))
+    key = ImageKey("test", "one")
+    captured, drawn = (Objects(name, place.visible[i : i + 2]) for i, name in enumerate(("captured", "drawn")))
+    request = Request(Slot(key, SIZE), view, (captured,))
+    plan = Plan((Relief(key, (ReliefPart(view, (0, 0), 100.0),)), drawn, Sky()), requests=(request,))
+    with Renderer(scene.mesh, scene.ground, size=SIZE) as renderer:
+        assert renderer.prepare(plan, view) > 0.0
+        assert len(made) == 2
+        with pytest.raises(KeyError):
+            renderer.image(key)
+        renderer.draw(plan, view)
+    assert len(made) == 2

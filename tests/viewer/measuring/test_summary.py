@@ -69,17 +69,25 @@ def test_the_worst_psnr_is_the_lowest_of_a_view():
 
 def test_when_views_settled_is_told_of_those_that_did():
     """Ten views, held for 8 frames: 0 to 6 frames, and three that had not settled."""
-    found = settling_summary([*range(7), None, None, None], [3] * 7 + [7, 8, 9], held=8)
-    assert found["settled_frames"] == {"p50": 3.0, "p99": pytest.approx(5.94), "max": 6.0}
-    assert found["unsettled"] == 3
+    found = settling_summary([*range(7), None, None, None], [2] * 10, [3] * 7 + [7, 8, 9], held=8)
+    assert found["alike_frames"] == {"p50": 3.0, "p99": pytest.approx(5.94), "max": 6.0}
+    assert found["settled_frames"] == {"p50": 2.0, "p99": 2.0, "max": 2.0}
+    assert (found["unlike"], found["unsettled"]) == (3, 0)
     assert found["layers"] == {"p50": 3.0, "max": 9.0}
     # 4, 5 and 6 frames for 3 layers; and the view of 7 layers that took 8 frames at least. The others may yet.
     assert found["later_than_layers"] == 4
 
 
 def test_views_of_which_none_settled_have_no_quantiles():
-    found = settling_summary([None], [0], held=1)
-    assert found == {"settled_frames": None, "unsettled": 1, "layers": {"p50": 0.0, "max": 0.0}, "later_than_layers": 1}
+    found = settling_summary([None], [None], [0], held=1)
+    assert found == {
+        "alike_frames": None,
+        "unlike": 1,
+        "settled_frames": None,
+        "unsettled": 1,
+        "layers": {"p50": 0.0, "max": 0.0},
+        "later_than_layers": 1,
+    }
 
 
 def test_frame_times_in_milliseconds():
@@ -94,7 +102,7 @@ def test_all_is_ready_for_json():
     whole = {
         "errors": summarise([errors(psnr_db=float("inf"), flip_masked=None), errors()]),
         "times": frame_summary([0.01, 0.02]),
-        "settling": settling_summary([1, None], [2, 3], held=2),
+        "settling": settling_summary([1, None], [1, None], [2, 3], held=2),
     }
     assert json.loads(json.dumps(whole, allow_nan=False)) == whole
 
@@ -103,6 +111,6 @@ def test_nothing_to_summarise_is_refused():
     with pytest.raises(ValueError, match="one view at least"):
         summarise([])
     with pytest.raises(ValueError, match="one view at least"):
-        settling_summary([], [], held=1)
+        settling_summary([], [], [], held=1)
     with pytest.raises(ValueError, match="one frame at least"):
         frame_summary([])

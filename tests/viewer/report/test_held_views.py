@@ -27,7 +27,7 @@ from viewer.plan import (
     Slot,
 )
 from viewer.report.compare import CompareOptions, compare_views
-from viewer.report.held_views import held_again, hold_view, layers_shown, settled_after, settled_frames
+from viewer.report.held_views import alike_after, held_again, hold_view, layers_shown, settled_after, settled_frames
 from viewer.scene.follower import Follower
 from viewer.techniques.catalogue import make_technique
 from viewer.walks.walk import Pose
@@ -36,6 +36,8 @@ SCHEMA = json.loads((Path(viewer.__file__).parent / "report" / "schemas" / "repo
 IMAGE = ImageKey("gradual", "all")
 PARTS = 3
 VIEW = Pose((50.0, 0.0, 1.7), 0.3, 0.0)
+FAR = Pose((0.0, 0.0, 1.7), 0.3, 0.0)
+"""It shows something that is not near."""
 
 
 class Gradual:
@@ -109,23 +111,29 @@ def test_a_view_that_is_held_is_scored_when_it_has_settled(dataset, tmp_path):
     assert last[own]["psnr_db"] > last[own]["psnr_worst_db"] > 45.0 > 30.0 > first["local"]["psnr_worst_db"]
     assert last[own]["psnr_worst_db"] == min(one["psnr_db"] for one in report[PARTS + 2]["scored"][own])
     assert last["local"]["hole_share"] == first["local"]["hole_share"]
-    # A first frame that captures nothing, then three that do.
-    assert {one["frames"] for one in report[PARTS + 2]["scored"][own]} == {PARTS + 1}
+    views = report[PARTS + 2]["scored"]
+    far = [one["wrong_thickness_px"] > 2.0 for one in views["local"]]  # the others are like the geometry at once
+    assert sum(far) > 2
+    assert [one["frames"] for one in views[own]] == [PARTS if one else 0 for one in far]
     assert last[own]["requests"] == pytest.approx(PARTS / (PARTS + 2))
     assert last[own]["captured_pixels"] == pytest.approx(256 * 256 * PARTS / (PARTS + 2))
     assert (last["local"]["requests"], last["local"]["captured_pixels"]) == (0.0, 0.0)
     layers = [one["layers"] for one in report[PARTS + 2]["scored"][own]]
     assert max(layers) > 0
     assert last[own]["settling"] == {
-        "settled_frames": dict.fromkeys(("p50", "p99", "max"), PARTS + 1.0),
+        "alike_frames": last[own]["settling"]["alike_frames"],
+        "unlike": 0,
+        "settled_frames": dict.fromkeys(("p50", "p99", "max"), PARTS + 1.0),  # a first one captures nothing
         "unsettled": 0,
         "layers": {"p50": np.median(layers), "max": max(layers)},
-        "later_than_layers": sum(one < PARTS + 1 for one in layers),
+        "later_than_layers": sum(one < PARTS for one, some in zip(layers, far, strict=True) if some),
     }
     assert last["local"]["settling"]["settled_frames"]["max"] == 0.0
     assert early[own]["settling"]["unsettled"] == 6
     assert early[own]["settling"]["settled_frames"] is None
-    assert {one["frames"] for one in report[PARTS]["scored"][own]} == {None}
+    assert last[own]["settling"]["alike_frames"]["max"] == PARTS
+    assert early[own]["settling"]["unlike"] == sum(far)
+    assert [one["frames"] for one in report[PARTS]["scored"][own]] == [None if one else 0 for one in far]
     assert early[own]["hole_share"] == first["local"]["hole_share"], "shown when it is whole"
 
 
@@ -151,8 +159,10 @@ def test_techniques_that_capture_nothing_score_the_same_however_long_a_view_is_h
         assert (settling is None) == (name == "full")
         if settling is not None:
             assert settling["settled_frames"] == {"p50": 0.0, "p99": 0.0, "max": 0.0}
-            assert (settling["unsettled"], settling["later_than_layers"]) == (0, 0)
-    assert [{**view, "frames": 0} for view in once["scored"]["multi-mesh"]] == held["scored"]["multi-mesh"]
+            assert settling["unsettled"] == 0
+            assert set((settling["alike_frames"] or {}).values()) <= {0.0}, "from the first picture on, or never"
+    views = zip(once["scored"]["multi-mesh"], held["scored"]["multi-mesh"], strict=True)
+    assert all({**one, "frames": other["frames"]} == other for one, other in views)
 
 
 def test_what_is_scored_was_planned_with_the_budgets_that_were_timed(scene, renderer, cache):
@@ -172,9 +182,11 @@ def test_what_is_scored_was_planned_with_the_budgets_that_were_timed(scene, rend
     assert all(
         frame.seconds >= budget.done.draws.seconds for frame, budget in zip(held.frames, budgets[1:], strict=False)
     )
-    with held_again(again, renderer, cache, view, held) as last:
-        assert last is again.plans[-1]
+    with held_again(again, renderer, cache, view, held) as plans:
+        found = list(plans)
         assert renderer.image(IMAGE).object_ids.max() >= 0
+    assert [asked for _, asked in found] == [bool(one.requests) for one in again.plans]
+    assert all(plan.same_as(replace(one, requests=())) for (plan, _), one in zip(found, again.plans, strict=True))
     assert (again.budgets, again.times) == (budgets, timed.times[:-1])
     assert all(one.same_as(other) for one, other in zip(again.plans, timed.plans[:-1], strict=True))
 
@@ -184,7 +196,8 @@ def test_nothing_that_was_captured_is_left(scene, renderer, cache):
     held = hold_view(Gradual(scene), renderer, cache, view, frames=6)
     with pytest.raises(KeyError):
         renderer.image(IMAGE)
-    with pytest.raises(RuntimeError), held_again(Gradual(scene), renderer, cache, view, held):
+    with pytest.raises(RuntimeError), held_again(Gradual(scene), renderer, cache, view, held) as plans:
+        list(plans)
         renderer.image(IMAGE)
         raise RuntimeError
     with pytest.raises(KeyError):
@@ -245,3 +258,17 @@ def test_layers_are_counted_by_sector_and_pieces_are_no_layers(scene):
     assert layers_shown(Plan((Sky(),))) == 0
     shown = make_technique("multi-mesh", {"multi-mesh": scene}).plan(VIEW.view(scene.camera), now=0.0, budget=Budget())
     assert layers_shown(shown) > 0
+
+
+def test_frames_that_capture_are_counted_until_the_picture_is_like_the_geometry(scene, renderer, cache):
+    view = FAR.view(scene.camera)
+    full = make_technique("full", {"multi-mesh": scene}).plan(view, now=0.0, budget=Budget())
+    truth = renderer.draw(full, view, measured=True)
+    held = hold_view(Gradual(scene), renderer, cache, view, frames=6)
+    with held_again(Gradual(scene), renderer, cache, view, held) as plans:
+        plan, after = alike_after(plans, renderer, view, truth)
+        assert after == PARTS and plan.draws and not plan.requests
+    short = replace(held, frames=held.frames[:PARTS])
+    with held_again(Gradual(scene), renderer, cache, view, short) as plans:
+        assert alike_after(plans, renderer, view, truth)[1] is None
+    assert alike_after(iter([(full, False)]), renderer, view, truth) == (full, 0)

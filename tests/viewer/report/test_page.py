@@ -164,7 +164,7 @@ def hold(report, frames=16):
             view["frames"] = None if view["frames"] >= frames else view["frames"]
             view["layers"] = 2 + i % 9
         settled = [view["frames"] for view in views]
-        summary = settling_summary(settled, [view["layers"] for view in views], held=frames)
+        summary = settling_summary(settled, settled, [view["layers"] for view in views], held=frames)
         report["techniques"][name]["settling"] = summary
     return report
 
@@ -357,8 +357,10 @@ def test_views_that_were_held_have_a_table_and_a_diagram_of_when_they_settled(tm
     page = page_of(report, tmp_path)
     found = report["techniques"]["multi-mesh"]["settling"]
     assert found["unsettled"] == 8, "16 to 19 frames, twice in 40 views"
-    shown = [found["settled_frames"][key] for key in ("p50", "p99", "max")]
-    shown += [found["unsettled"], found["later_than_layers"], found["layers"]["p50"], found["layers"]["max"]]
+    shown = [found["alike_frames"][key] for key in ("p50", "p99", "max")]
+    shown += [found["unlike"], found["later_than_layers"]]
+    shown += [found["settled_frames"][key] for key in ("p50", "p99", "max")]
+    shown += [found["unsettled"], found["layers"]["p50"], found["layers"]["max"]]
     third = [one for one in page.rows if one[0] == "multi-mesh"][2]
     assert third[1:] == [f"{one:.3g}" for one in shown]
     assert (
@@ -366,8 +368,8 @@ def test_views_that_were_held_have_a_table_and_a_diagram_of_when_they_settled(tm
         in page.text
     )
     assert "Each view was held for 16 frames, and the times of all of them count" in page.text
-    assert "The share of views that had settled after so many frames" in page.text
-    assert "The share of views that had settled" not in page_of(report_of(False), tmp_path).text
+    assert "The share of views that were like the geometry after so many frames" in page.text
+    assert "The share of views that were like" not in page_of(report_of(False), tmp_path).text
 
 
 def test_what_moved_has_a_table_and_is_said(tmp_path):
@@ -634,7 +636,7 @@ def test_every_field_is_wanted_and_no_other_is_let_in():
     report = report_of(True, names=("full", "multi-mesh"), seconds=8.0)
     report["techniques"]["multi-mesh"] |= {
         "origin": {"function": "my_module:mine", "version": "1"},
-        "settling": settling_summary([0, None], [3, 4], held=8),
+        "settling": settling_summary([0, None], [0, None], [3, 4], held=8),
         "update_pop": {"frames": 40, "mean": 0.0012, "max": 0.0123},
     }
     for way in objects(report):

@@ -38,6 +38,9 @@ class Painter:
     def evict(self, cell):
         self.there.pop(cell, None)
 
+    def prepare(self, plan, view):  # noqa: ARG002
+        return 0.0
+
     def draw(self, plan, view, *, read=True):  # noqa: ARG002
         for draw in plan.draws:
             if hasattr(draw, "names"):
@@ -350,3 +353,21 @@ def test_where_requests_fill_a_frame_uploads_have_what_is_left_of_it(scenes):
     assert given[0] == pytest.approx(0.01)
     assert given[1] == 0.0
     assert given[2] == pytest.approx(0.05)
+
+
+def test_what_is_drawn_for_the_first_time_is_made_behind_the_loading_screen(scenes):
+    class Prepared(Painter):
+        def __init__(self):
+            super().__init__()
+            self.prepared = []
+
+        def prepare(self, plan, view):  # noqa: ARG002
+            self.prepared.append(len(self.plans))
+            return 0.25
+
+    painter, steps = Prepared(), WALK.frames(10.0)
+    loop = FrameLoop(Curious(), painter, Spender(painter), camera=scenes["multi-mesh"].camera)
+    times = run_walk(steps, loop)
+    assert painter.prepared == [i for i, step in enumerate(steps) if step.cut or not i]
+    assert [one.loading >= 0.25 for one in times] == [one.cut for one in times]
+    assert all(one.total < 0.25 for one in times)
