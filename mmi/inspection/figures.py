@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
+from mmi.appearance.layer_colors import layer_color
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.whole_files import write_whole
 
@@ -46,15 +47,15 @@ SMALL = 8.0
 PICTURE_FORMATS = ("png", "svg", "pdf")
 """What a figure can be written as."""
 
-# Okabe & Ito's palette, which colour-blind readers can tell apart, without black; hatches tell its rounds apart.
-_COLORS = ("#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7")
+# Hatches tell the rounds of the palette apart.
 _HATCHES = ("", "////", "....", "xxxx")
 _DPI = 150
 
 
 def layer_style(layer: int) -> tuple[str, str]:
     """(colour, hatch) of a layer; all of the first 28 differ."""
-    return _COLORS[layer % len(_COLORS)], _HATCHES[layer // len(_COLORS) % len(_HATCHES)]
+    color, number = layer_color(layer)
+    return color, _HATCHES[number % len(_HATCHES)]
 
 
 def encoded(figure: Figure, picture_format: str = "png") -> bytes:

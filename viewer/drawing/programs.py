@@ -6,6 +6,10 @@ declares the view (``eye_from_world``, ``eye``, ``projection``, ``clip``), ``pro
     MEASURED    the program also puts out, per pixel, the object, its depth along the axis, and by what angle an impostor's
                 surface is displaced (-1 where geometry, ground or sky shows); images that stay on the GPU are captured with it
     COVERAGE    for multisampling: silhouettes of layers become coverage of samples
+    LINES       edges of meshes are drawn (``viewer.drawing.kinds.lines``), for which the head has ``project_line``
+    TINTED      the picture is mixed with an ink (``viewer.drawing.style``), for which the head has ``tinted``
+
+Programs may be made at any time, between draws as well: what is looked through counts for them too.
 """
 
 from __future__ import annotations
@@ -36,6 +40,24 @@ uniform vec2 clip;        // near, far
 vec4 project(vec3 p) {    // p in the eye's frame
     return vec4(projection.x * p.x - projection.z * p.z, projection.y * p.y - projection.w * p.z,
                 (clip.y + clip.x) / (clip.x - clip.y) * p.z + 2.0 * clip.x * clip.y / (clip.x - clip.y), -p.z);
+}
+"""
+_LINES = """
+vec4 project_line(vec3 p) {  // as far away as a share less of what it is
+    vec4 found = project(p);
+    found.z += 2.0 * clip.x * clip.y / (clip.x - clip.y) * (1.0 / 0.99 - 1.0);
+    return found;
+}
+"""
+_TINT = """
+vec3 tinted(vec3 color, vec4 ink) {  // the ink's fourth number is its pattern, by 255
+    vec2 at = gl_FragCoord.xy;
+    int pattern = int(ink.a * 255.0 + 0.5);
+    float across = step(mod(at.x + at.y, 12.0), 2.0), back = step(mod(at.x - at.y, 12.0), 2.0);
+    float dots = step(length(mod(at, 9.0) - 4.5), 1.8);
+    float mark = pattern == 1 ? across : pattern == 2 ? dots : pattern == 3 ? max(across, back) : 0.0;
+    float light = dot(ink.rgb, vec3(0.299, 0.587, 0.114));
+    return mix(color, mix(ink.rgb, vec3(light > 0.45 ? 0.0 : 1.0), 0.5 * mark), 0.6);
 }
 """
 _OUTPUTS = """
@@ -78,6 +100,7 @@ class Programs:
     def __init__(self, context: Any, *, samples: int) -> None:  # noqa: ANN401
         self.context, self.samples = context, samples
         self._made: dict[bool, list[Program]] = {mode: [] for mode in MODES}
+        self._told: dict[bool, Mapping[str, bytes]] = {mode: {} for mode in MODES}
 
     def make(
         self, vertex: str, fragment: str, *, flags: Sequence[str] = (), measures: bool = True
@@ -91,12 +114,15 @@ class Programs:
                 *flags,
             ]
             head = "\n".join(["#version 330", *(f"#define {flag}" for flag in defined)]) + _COMMON
-            program = self.context.program(vertex_shader=head + vertex, fragment_shader=head + _OUTPUTS + fragment)
+            head += _LINES if "LINES" in defined else ""
+            tools = (_TINT if "TINTED" in defined else "") + _OUTPUTS
+            program = self.context.program(vertex_shader=head + vertex, fragment_shader=head + tools + fragment)
             uniforms = {name: program[name] for name in program if isinstance(program[name], moderngl.Uniform)}
             for unit, name in enumerate(_TEXTURE_UNITS):
                 if name in uniforms:
                     uniforms[name].value = unit
             made[mode] = Program(program, uniforms)
+            made[mode].set(self._told[mode])
             self._made[mode].append(made[mode])
         return made
 
@@ -133,5 +159,6 @@ class Programs:
             "projection": np.array(projection, dtype="f4").tobytes(),
             "clip": np.array([_NEAR, _FAR], dtype="f4").tobytes(),
         }
+        self._told[measured] = values
         for program in self._made[measured]:
             program.set(values)

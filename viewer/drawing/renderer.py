@@ -25,6 +25,7 @@ from viewer.drawing.fade import Fade
 from viewer.drawing.images import CapturedPixels, Images
 from viewer.drawing.kinds.ground import GroundDrawer
 from viewer.drawing.kinds.layers import LayersDrawer
+from viewer.drawing.kinds.lines import LineProgram
 from viewer.drawing.kinds.meshes import MeshProgram
 from viewer.drawing.kinds.moving import MovingDrawer
 from viewer.drawing.kinds.objects import ObjectsDrawer
@@ -32,6 +33,7 @@ from viewer.drawing.kinds.reliefs import ReliefsDrawer
 from viewer.drawing.kinds.sky import SkyDrawer
 from viewer.drawing.opengl import finisher, is_software, open_context
 from viewer.drawing.programs import Programs
+from viewer.drawing.style import CAPTURED, CAPTURED_LINES, PLAIN, REUSED, REUSED_LINES, Style, fresh_parts, narrowed
 from viewer.drawing.targets import Targets
 from viewer.drawing.thread_turns import turns_after
 from viewer.plan import (
@@ -104,6 +106,7 @@ class Renderer:
         self.size, self.measured = size, measured
         self._timer, self._finish = context.query(time=True), finisher(context)
         self._programs = Programs(context, samples=samples)
+        self._line = LineProgram(self._programs)
         self._targets = Targets(self._programs, size, measured=measured)
         self._images = Images(context)
         self._fade = Fade(self._programs, self._targets)
@@ -160,12 +163,15 @@ class Renderer:
 
     # --------------------------------------------------------------------------------------------------- drawing
 
-    def draw(self, plan: Plan, view: View, *, measured: bool = False, read: bool = True) -> DrawnPicture:
-        """Draw ``plan`` as ``view`` sees it. Without ``read``, ``color`` is empty: for timing.
+    def draw(
+        self, plan: Plan, view: View, *, measured: bool = False, read: bool = True, style: Style = PLAIN
+    ) -> DrawnPicture:
+        """Draw ``plan`` as ``view`` sees it, in a ``style``. Without ``read``, ``color`` is empty: for timing.
 
         The plan's requests are executed first. In a measured picture, ids, depth and displacement are those of ``draws``,
-        whatever fades. Raises KeyError where a layer is drawn that was not uploaded or an image that was not captured,
-        ValueError for measuring with a renderer that was not made for it.
+        whatever fades; lines of a style do not count in it, nor among triangles and draws. Raises KeyError where a
+        layer is drawn that was not uploaded or an image that was not captured, ValueError for measuring with a renderer that
+        was not made for it.
         """
         if measured and not self.measured:
             raise ValueError("a renderer made with measured=True expected")
@@ -173,14 +179,15 @@ class Renderer:
             start = time.perf_counter()
             with self._timer:
                 captured = self._execute(plan)
-                counts = self._draw(plan, view, measured)
+                shown = narrowed(plan, style)
+                counts = self._draw(shown, view, measured, style)
             with turns_after(_SWITCH_INTERVAL):
                 self._finish()
             seconds = time.perf_counter() - start
             color = self._targets.color(measured=measured) if read else np.empty((0, 0, 3), dtype=np.uint8)
             ids, depth, displacement = self._targets.measures() if measured else (None, None, None)
             gpu = gpu_seconds(self._timer.elapsed, seconds=seconds, device=self.device)
-            relief = _relief(plan.draws) + (_relief(plan.fading) if plan.mix < 1.0 else 0)
+            relief = _relief(shown.draws) + (_relief(shown.fading) if plan.mix < 1.0 else 0)
             drawn = Work(seconds - captured.seconds, sum(counts), len(counts), relief=relief)
             return DrawnPicture(
                 color=color,
@@ -238,26 +245,35 @@ class Renderer:
         self._images.begin(request.into, request.view.window[2:], clear=request.clear)
         self._programs.look_through(request.view, measured=True, downwards=True)
         try:
-            return [count for draw in request.draws for count in self._paint_one(draw, request.view, True)]
+            return [count for draw in request.draws for count in self._paint_one(draw, request.view, True, PLAIN, ())]
         finally:
             self._images.end()
 
-    def _draw(self, plan: Plan, view: View, measured: bool) -> list[int]:
+    def _draw(self, plan: Plan, view: View, measured: bool, style: Style) -> list[int]:
         """The triangles of each call that was sent."""
         if plan.mix >= 1.0:
-            return self._paint(plan.draws, view, measured)
-        before = self._paint(plan.fading, view, measured)
+            return self._paint(plan.draws, view, measured, style, plan.requests)
+        before = self._paint(plan.fading, view, measured, style, plan.requests)
         self._fade.keep(measured=measured)
-        now = self._paint(plan.draws, view, measured)
+        now = self._paint(plan.draws, view, measured, style, plan.requests)
         return [*before, *now, *self._fade.mix(1.0 - plan.mix, measured=measured)]
 
-    def _paint(self, draws: Sequence[Draw], view: View, measured: bool) -> list[int]:
-        """Draw into the target; the triangles of each call."""
+    def _paint(
+        self, draws: Sequence[Draw], view: View, measured: bool, style: Style, requests: Sequence[Request]
+    ) -> list[int]:
+        """Draw into the target; the triangles of each call, lines aside."""
         self._targets.clear(measured=measured)
         self._programs.look_through(view, measured=measured)
-        return [count for draw in draws for count in self._paint_one(draw, view, measured)]
+        counts = [count for draw in draws for count in self._paint_one(draw, view, measured, style, requests)]
+        if style.wireframe:
+            with self._line.over(self._targets, measured=measured):
+                for draw in draws:
+                    self._paint_lines(draw, view, measured, requests)
+        return counts
 
-    def _paint_one(self, draw: Draw, view: View, measured: bool) -> list[int]:
+    def _paint_one(
+        self, draw: Draw, view: View, measured: bool, style: Style, requests: Sequence[Request]
+    ) -> list[int]:
         match draw:
             case Sky():
                 return self._sky.draw(measured=measured)
@@ -266,13 +282,29 @@ class Renderer:
             case Objects():
                 return self._objects.draw(draw, measured=measured)
             case CellLayers():
-                return self._layers.draw(draw, view, measured=measured)
+                return self._layers.draw(draw, view, measured=measured, tint=style.tint)
+            case Relief() if style.tint:
+                inks = zip(fresh_parts(draw, requests), (CAPTURED, REUSED), strict=True)
+                return [
+                    count for some, ink in inks for count in self._reliefs.draw(some, view, measured=measured, ink=ink)
+                ]
             case Relief():
                 return self._reliefs.draw(draw, view, measured=measured)
             case Moving():
                 return self._moving.draw(draw, view, measured=measured)
             case _:
                 assert_never(draw)
+
+    def _paint_lines(self, draw: Draw, view: View, measured: bool, requests: Sequence[Request]) -> None:
+        """Draw the edges of what has a mesh of its own; sky, ground and what moves have none to show."""
+        match draw:
+            case Objects():
+                self._objects.draw_lines(draw, self._line, measured=measured)
+            case CellLayers():
+                self._layers.draw_lines(draw, self._line, measured=measured)
+            case Relief():
+                for some, ink in zip(fresh_parts(draw, requests), (CAPTURED_LINES, REUSED_LINES), strict=True):
+                    self._reliefs.draw_lines(some, view, ink=ink, measured=measured)
 
 
 def _relief(draws: Sequence[Draw]) -> int:

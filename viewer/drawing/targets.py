@@ -34,6 +34,7 @@ class Targets:
         self._colors = {
             mode: self._context.framebuffer([whole.color_attachments[0]]) for mode, whole in self._whole.items()
         }
+        self._lines: dict[bool, Any] = {}
         self.resolved: Any = self._context.texture(size, 4)
         """Colours without samples, after :meth:`resolve`."""
         self._resolving = self._context.framebuffer([self.resolved])
@@ -48,6 +49,13 @@ class Targets:
     def use_color(self, *, measured: bool) -> None:
         """Draw on into the colours alone."""
         self._colors[measured].use()
+
+    def use_lines(self, *, measured: bool) -> None:
+        """Draw on into the colours, where nothing that was drawn is in front; what was measured stays."""
+        if measured not in self._lines:
+            whole = self._whole[measured]
+            self._lines[measured] = self._context.framebuffer([whole.color_attachments[0]], whole.depth_attachment)
+        self._lines[measured].use()
 
     def resolve(self, *, measured: bool) -> None:
         """Copy the colours into ``resolved``, samples of a pixel averaged."""

@@ -24,8 +24,10 @@ from mmi.foundation.camera import View
 from mmi.foundation.errors import CaptureError
 from viewer.cells.loaded_cell import LoadedCell, LoadedLayer, StoredPicture, cell_image
 from viewer.drawing.images import Images
+from viewer.drawing.kinds.lines import LineProgram
 from viewer.drawing.kinds.meshes import Triangles
-from viewer.drawing.programs import Programs
+from viewer.drawing.programs import Program, Programs
+from viewer.drawing.style import layer_ink
 from viewer.plan import CellKey, CellLayers, ImageKey
 
 __all__ = ["LayersDrawer"]
@@ -33,6 +35,9 @@ __all__ = ["LayersDrawer"]
 _MOST_VIEWS = 16
 """Sets of layers that a cell keeps as index buffers; a viewer who turns around meets a new one every few degrees."""
 _VERTEX_BYTES = 24
+_LAYOUT = ("3f 3f", "position", "texture_from_capture")
+_PLAIN: tuple[str, ...] = ()
+_DEEP, _CAPTURED = ("CAPTURED_DEPTH",), ("CAPTURED_DEPTH", "CAPTURED")
 _VERTEX = """
 in vec3 position;
 in vec3 texture_from_capture;  // texture coordinates times depth in the capture, and that: linear in space, so projective
@@ -41,6 +46,10 @@ uniform vec3 captured_from;
 uniform vec2 share;            // of the image's room that its pictures take
 #endif
 out vec3 at;
+#ifdef TINTED
+in vec4 ink;
+flat out vec4 tint;
+#endif
 #if defined(MEASURED) || defined(CAPTURED_DEPTH)
 out float depth;
 #endif
@@ -50,6 +59,9 @@ out vec3 world;                // relative to the capture's eye
 void main() {
     vec3 p = eye_from_world * (position - eye);
     at = texture_from_capture;
+#ifdef TINTED
+    tint = ink;
+#endif
 #ifdef CAPTURED
     at.xy *= share;
 #endif
@@ -65,6 +77,9 @@ void main() {
 _FRAGMENT = """
 uniform sampler2D picture;
 in vec3 at;
+#ifdef TINTED
+flat in vec4 tint;
+#endif
 #if defined(MEASURED) || defined(CAPTURED_DEPTH)
 in float depth;
 uniform sampler2D depths;
@@ -85,6 +100,9 @@ void main() {
     vec4 color = texture(picture, uv);
 #ifdef CAPTURED
     color.rgb /= max(color.a, LEAST);
+#endif
+#ifdef TINTED
+    color.rgb = tinted(color.rgb, tint);
 #endif
 #ifdef COVERAGE
     float sharp = clamp((color.a - 0.5) / max(fwidth(color.a), 1e-4) + 0.5, 0.0, 1.0);
@@ -169,11 +187,11 @@ class LayersDrawer:
     def __init__(self, programs: Programs, images: Images, *, measured: bool) -> None:
         self._context, self._covering, self._measured = programs.context, programs.covering, measured
         self._images = images
-        plain, deep, captured = (
-            programs.make(_VERTEX, _FRAGMENT, flags=flags)
-            for flags in ((), ("CAPTURED_DEPTH",), ("CAPTURED_DEPTH", "CAPTURED"))
-        )
+        plain, deep, captured = (programs.make(_VERTEX, _FRAGMENT, flags=flags) for flags in (_PLAIN, _DEEP, _CAPTURED))
         self._programs = {False: (plain, deep), True: (captured, captured)}
+        self._tinted: dict[bool, tuple[Mapping[bool, Program], Mapping[bool, Program]]] = {}
+        self._inks: dict[CellKey, Any] = {}
+        self._make = programs.make
         self._cells: dict[CellKey, _CellOnGpu] = {}
         self._rooms: dict[CellKey, list[Any]] = {}  # of cells that still make room
 
@@ -191,20 +209,18 @@ class LayersDrawer:
         """Free a cell's layers; nothing where they are not there."""
         for texture in self._rooms.pop(cell, ()):
             texture.release()
+        if cell in self._inks:
+            self._inks.pop(cell).release()
         if cell in self._cells:
             self._cells.pop(cell).release()
         self._images.drop(cell_image(cell))
 
-    def draw(self, draw: CellLayers, view: View, *, measured: bool) -> list[int]:
-        """Draw the layers with at most two calls. Raises KeyError where a layer was not uploaded."""
+    def draw(self, draw: CellLayers, view: View, *, measured: bool, tint: bool = False) -> list[int]:
+        """Draw the layers with at most two calls, tinted if asked. Raises KeyError where a layer was not uploaded."""
         if not draw.names:
             return []
         cell = self._cells[draw.cell]
-        if draw.names not in cell.sets:
-            if len(cell.sets) >= _MOST_VIEWS:
-                for some in cell.sets.pop(next(iter(cell.sets))):
-                    some.release()
-            cell.sets[draw.names] = self._layer_set(cell, draw.names)
+        sets = self._kept_set(cell, draw.names)
         share, textures = (1.0, 1.0), cell.textures
         if cell.image is not None:
             image = self._images[cell.image]
@@ -219,18 +235,64 @@ class LayersDrawer:
             "share": np.array(share, dtype="f4").tobytes(),
         }
         counts = []
+        programs = (self._tints() if tint else self._programs)[cell.image is not None]
         with self._covering(measured=measured):
-            for program, some in zip(self._programs[cell.image is not None], cell.sets[draw.names], strict=True):
+            for program, some in zip(programs, sets, strict=True):
                 if some.count:
                     program[measured].set(values)
-                    some.arrays[measured].render()
+                    if tint:
+                        self._render_tinted(draw.cell, program[measured], some)
+                    else:
+                        some.arrays[measured].render()
                     counts.append(some.count)
         return counts
+
+    def draw_lines(self, draw: CellLayers, program: LineProgram, *, measured: bool) -> None:
+        """Draw the edges of the layers' meshes in the layers' colours. Raises KeyError where a layer was not uploaded."""
+        if draw.names:
+            cell = self._cells[draw.cell]
+            for some in self._kept_set(cell, draw.names):
+                if some.count:
+                    vertices = (cell.vertices, "3f 12x")
+                    program.draw_inked(vertices, some.indices, self._ink_of(draw.cell), measured=measured)
+
+    def _tints(self) -> Mapping[bool, tuple[Mapping[bool, Program], Mapping[bool, Program]]]:
+        """The programs as :attr:`_programs` has them, which tint; made when first asked for."""
+        if not self._tinted:
+            plain, deep, captured = (
+                self._make(_VERTEX, _FRAGMENT, flags=(*flags, "TINTED")) for flags in (_PLAIN, _DEEP, _CAPTURED)
+            )
+            self._tinted |= {False: (plain, deep), True: (captured, captured)}
+        return self._tinted
+
+    def _render_tinted(self, key: CellKey, program: Program, some: Triangles) -> None:
+        layout = [(self._cells[key].vertices, *_LAYOUT), (self._ink_of(key), "4f1", "ink")]
+        array = self._context.vertex_array(program.program, layout, some.indices)
+        array.render()
+        array.release()
+
+    def _ink_of(self, key: CellKey) -> Any:  # noqa: ANN401
+        """The inks of a cell's vertices, each that of its layer; made when first asked for."""
+        if key not in self._inks:
+            cell = self._cells[key]
+            starts = [*cell.first_vertex.values(), cell.vertices.size // _VERTEX_BYTES]
+            inks = np.array([layer_ink(name) for name in cell.first_vertex], dtype=np.uint8).reshape(-1, 4)
+            self._inks[key] = self._context.buffer(np.repeat(inks, np.diff(starts), axis=0).tobytes() or b"none")
+        return self._inks[key]
+
+    def _kept_set(self, cell: _CellOnGpu, names: tuple[str, ...]) -> tuple[Triangles, Triangles]:
+        """Triangles of some layers of a cell, made when first drawn and kept while few others are."""
+        if names not in cell.sets:
+            if len(cell.sets) >= _MOST_VIEWS:
+                for some in cell.sets.pop(next(iter(cell.sets))):
+                    some.release()
+            cell.sets[names] = self._layer_set(cell, names)
+        return cell.sets[names]
 
     def _layer_set(self, cell: _CellOnGpu, names: tuple[str, ...]) -> tuple[Triangles, Triangles]:
         """Triangles of some layers of a cell, in this order. Raises KeyError where one is not there."""
         parts = [cell.triangles[name] for name in names]
-        layout = [(cell.vertices, "3f 3f", "position", "texture_from_capture")]
+        layout = [(cell.vertices, *_LAYOUT)]
         sets = []
         for k, programs in enumerate(self._programs[cell.image is not None]):
             triangles = np.concatenate([np.empty((0, 3), dtype=np.int32), *(part[k] for part in parts)])

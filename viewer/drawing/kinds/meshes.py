@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from mmi.appearance.city_mesh import CityMesh, triangles_of
 from mmi.appearance.facades import glass_of
 from mmi.appearance.shading import SUN
+from viewer.drawing.kinds.lines import LineProgram
 from viewer.drawing.programs import Program, Programs
+from viewer.drawing.style import Ink
 
 __all__ = ["GROUND_ID", "DrawnMesh", "MeshProgram", "Triangles"]
 
@@ -127,6 +129,16 @@ class DrawnMesh:
         if key == "":
             some.release()
         return [some.count] if some.count else []
+
+    def draw_lines(
+        self, key: object, objects: NDArray[np.int64], program: LineProgram, *, ink: Ink, measured: bool
+    ) -> None:
+        """Draw the edges of some ``objects`` (n,), as :meth:`draw` has them."""
+        some = self._kept(key, objects) if key != "" else self._triangles(triangles_of(self._mesh, objects))
+        if some.count:
+            program.draw((self._vertices, "3f 16x"), some.indices, ink, measured=measured)
+        if key == "":
+            some.release()
 
     def _kept(self, key: object, objects: NDArray[np.int64]) -> Triangles:
         """Triangles of some objects, made when first drawn and kept until enough others were drawn more recently."""

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from mmi.appearance.city_mesh import CityMesh
+from viewer.drawing.kinds.lines import LineProgram
 from viewer.drawing.kinds.meshes import DrawnMesh, MeshProgram
+from viewer.drawing.style import NEAR_LINES
 from viewer.plan import Objects
 
 __all__ = ["ObjectsDrawer"]
@@ -23,3 +25,7 @@ class ObjectsDrawer:
     def draw(self, draw: Objects, *, measured: bool) -> list[int]:
         """Draw all objects of the set with one call, or none where they have no triangles."""
         return self._mesh.draw(draw.key, draw.objects, measured=measured)
+
+    def draw_lines(self, draw: Objects, program: LineProgram, *, measured: bool) -> None:
+        """Draw the edges of all objects of the set."""
+        self._mesh.draw_lines(draw.key, draw.objects, program, ink=NEAR_LINES, measured=measured)

@@ -16,7 +16,7 @@ captured a texel is a pixel, and nothing is filtered.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import moderngl
@@ -25,7 +25,9 @@ from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 from viewer.drawing.images import Images
-from viewer.drawing.programs import MODES, Programs
+from viewer.drawing.kinds.lines import LINES, ink_bytes
+from viewer.drawing.programs import MODES, Program, Programs
+from viewer.drawing.style import Ink
 from viewer.plan import RELIEF_QUAD, Relief, ReliefPart
 
 __all__ = ["ReliefsDrawer"]
@@ -33,6 +35,7 @@ __all__ = ["ReliefsDrawer"]
 _TEXELS = 5
 """Texels of four numbers that say where a part is; those of its spans come after them."""
 _MOST_GRIDS = 64
+_TINTED = "TINTED"
 _VERTEX = """
 uniform sampler2D depths;  // captured, along the axis; 0 where nothing is
 uniform sampler2D parts;   // a row each: three rows of the eye's frame from the capture's, focal left top filling, corner size,
@@ -74,7 +77,11 @@ void main() {
     vec4 p = vec4((seen.y + texel.x) / seen.x * depth, -(seen.z + texel.y) / seen.x * depth, -depth, 1.0);
     at = vec3(texel * depth, depth);
     here = vec3(dot(x, p), dot(y, p), dot(z, p));
+#ifdef LINES
+    gl_Position = project_line(here);
+#else
     gl_Position = project(here);
+#endif
 }
 """
 _FRAGMENT = """
@@ -82,6 +89,9 @@ uniform sampler2D picture;
 uniform sampler2D depths;
 in vec3 at; in vec3 here;
 flat in vec4 place; flat in vec3 eyes;
+#if defined(TINTED) || defined(LINES)
+uniform vec4 ink;
+#endif
 #ifdef MEASURED
 uniform isampler2D ids;
 #endif
@@ -92,10 +102,16 @@ void main() {
     vec4 color = texture(picture, texel / vec2(textureSize(picture, 0)));
     float captured = texelFetch(depths, nearest, 0).r;
     if (color.a < LEAST) discard;
+#ifdef LINES
+    color_out = vec4(ink.rgb, 1.0);
+#else
     float stretch = captured > 0.0 ? captured / at.z : 1.0;  // the filter reaches half a texel beyond the silhouette
     vec3 surface = eyes + stretch * (here - eyes);
     float shown = max(-surface.z, clip.x);
     gl_FragDepth = (clip.y - clip.y * clip.x / shown) / (clip.y - clip.x);
+#ifdef TINTED
+    color.rgb = tinted(color.rgb / color.a, ink) * color.a;
+#endif
 #ifdef COVERAGE
     color_out = vec4(color.rgb / color.a, clamp((color.a - 0.5) / max(fwidth(color.a), 1e-4) + 0.5, 0.0, 1.0));
     if (color_out.a <= 0.0) discard;
@@ -114,8 +130,12 @@ void main() {
     vec3 a = normalize(here), b = normalize(surface);
     surface_out = vec2(shown, atan(length(cross(a, b)), dot(a, b)));
 #endif
+#endif
 }
 """
+
+
+_VERTEX_OF_QUADS = _VERTEX.replace("QUAD", str(RELIEF_QUAD))
 
 
 class ReliefsDrawer:
@@ -123,23 +143,51 @@ class ReliefsDrawer:
 
     def __init__(self, programs: Programs, images: Images) -> None:
         self._context, self._images, self._covering = programs.context, images, programs.covering
-        vertex = _VERTEX.replace("QUAD", str(RELIEF_QUAD))
-        self._programs = programs.make(vertex, _FRAGMENT)
+        self._make = programs.make
+        self._programs = programs.make(_VERTEX_OF_QUADS, _FRAGMENT)
+        self._styled: dict[str, Mapping[bool, Program]] = {}
         self._grids: dict[tuple[int, int], tuple[Any, dict[bool, Any]]] = {}
         self._parts: Any = None
 
-    def draw(self, draw: Relief, view: View, *, measured: bool) -> list[int]:
-        """Draw all parts with one call. Raises KeyError where nothing was captured into the image."""
+    def draw(self, draw: Relief, view: View, *, measured: bool, ink: Ink | None = None) -> list[int]:
+        """Draw all parts with one call, tinted with ``ink`` if there is one. Raises KeyError where nothing was captured into
+        the image.
+        """
         if not draw.parts:
             return []
+        columns, rows = self._told_where(draw, view)
+        if ink is None:
+            self._programs[measured].set(_grid_size(columns, rows))
+            with self._covering(measured=measured):
+                self._grid(columns, rows)[measured].render(moderngl.TRIANGLES, instances=len(draw.parts))
+        else:
+            with self._covering(measured=measured):
+                self._render_styled(_TINTED, columns, rows, draw, ink, measured=measured)
+        return [2 * columns * rows * len(draw.parts)]
+
+    def draw_lines(self, draw: Relief, view: View, *, ink: Ink, measured: bool) -> None:
+        """Draw the grids of all parts where something was captured. Raises KeyError as :meth:`draw` does."""
+        if draw.parts:
+            columns, rows = self._told_where(draw, view)
+            self._render_styled(LINES, columns, rows, draw, ink, measured=measured)
+
+    def _render_styled(self, flag: str, columns: int, rows: int, draw: Relief, ink: Ink, *, measured: bool) -> None:
+        if flag not in self._styled:
+            self._styled[flag] = self._make(_VERTEX_OF_QUADS, _FRAGMENT, flags=(flag,), measures=flag != LINES)
+        program = self._styled[flag][measured]
+        program.set({**_grid_size(columns, rows), "ink": ink_bytes(ink)})
+        self._grid(columns, rows)
+        array = self._context.vertex_array(program.program, [], self._grids[columns, rows][0], index_element_size=4)
+        array.render(moderngl.TRIANGLES, instances=len(draw.parts))
+        array.release()
+
+    def _told_where(self, draw: Relief, view: View) -> tuple[int, int]:
+        """Tell the programs' textures what is drawn; columns and rows of the grid that all parts share."""
         image = self._images[draw.image]
         columns, rows = np.max([part.grid for part in draw.parts], axis=0).tolist()
         for unit, texture in enumerate((image.color, image.depth, image.ids, self._told(draw, view, columns))):
             texture.use(unit)
-        self._programs[measured].set({"grid": np.array([columns, rows], dtype="i4").tobytes()})
-        with self._covering(measured=measured):
-            self._grid(columns, rows)[measured].render(moderngl.TRIANGLES, instances=len(draw.parts))
-        return [2 * columns * rows * len(draw.parts)]
+        return columns, rows
 
     def _told(self, draw: Relief, view: View, columns: int) -> Any:  # noqa: ANN401
         """The texture that says where the parts are, which have at most so many ``columns``."""
@@ -176,6 +224,10 @@ class ReliefsDrawer:
             found = (indices, arrays)
         self._grids[columns, rows] = found
         return found[1]
+
+
+def _grid_size(columns: int, rows: int) -> dict[str, bytes]:
+    return {"grid": np.array([columns, rows], dtype="i4").tobytes()}
 
 
 def _rows(parts: Sequence[ReliefPart], view: View) -> NDArray[np.float64]:
