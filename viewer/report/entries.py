@@ -207,8 +207,8 @@ def scored_views(
 ) -> dict[str, list[dict[str, Any]]]:
     """What the report says of every scored view.
 
-    ``frames``: after how many frames that captured something the views of a technique were like the geometry, for those that
-    were held; ``layers``: how many layers multi-mesh draws in each view.
+    ``frames``: after how many frames the views of a technique were like the geometry, for those that were held; ``layers``: how
+    many layers multi-mesh draws in each view.
     """
     known = frames or {}
     return {

@@ -131,16 +131,15 @@ def held_again(
 def alike_after(
     plans: Iterable[tuple[Plan, bool]], renderer: Renderer, view: View, truth: DrawnPicture
 ) -> tuple[Plan, int | None]:
-    """The last of ``plans`` (:func:`held_again`), and how many frames captured something until the picture was like ``truth``.
+    """The last of ``plans`` (:func:`held_again`), and how many come before the first whose picture is like ``truth``.
 
-    None where it never was (:func:`viewer.measuring.view_errors.alike`); 0 where it was before anything was captured.
+    None where none is (:func:`viewer.measuring.view_errors.alike`).
     """
     last: Plan | None = None
-    captured, after = 0, None
-    for plan, asked in plans:
-        captured += asked
-        if after is None and (asked or last is None) and alike(truth, renderer.draw(plan, view, measured=True)):
-            after = captured
+    after = None
+    for number, (plan, asked) in enumerate(plans):
+        if after is None and (asked or last is None or not plan.same_as(last)):
+            after = number if alike(truth, renderer.draw(plan, view, measured=True)) else None
         last = plan
     assert last is not None, "a view is held for a frame at least"
     return last, after

@@ -133,8 +133,8 @@ _TERMS = (
     (
         "like the geometry after, frames",
         "like the geometry",
-        "A view is like the geometry where its PSNR is at least 40 dB and no wrong region is thicker than 2 px. Frames "
-        "count that captured something until it was.",
+        "A view is like the geometry where its PSNR is at least 40 dB and no wrong region is thicker than 2 px. "
+        "Frames count that come before.",
     ),
     (
         "settled after, frames",

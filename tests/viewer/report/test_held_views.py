@@ -260,7 +260,7 @@ def test_layers_are_counted_by_sector_and_pieces_are_no_layers(scene):
     assert layers_shown(shown) > 0
 
 
-def test_frames_that_capture_are_counted_until_the_picture_is_like_the_geometry(scene, renderer, cache):
+def test_frames_before_the_first_that_is_like_the_geometry_are_counted(scene, renderer, cache):
     view = FAR.view(scene.camera)
     full = make_technique("full", {"multi-mesh": scene}).plan(view, now=0.0, budget=Budget())
     truth = renderer.draw(full, view, measured=True)
