@@ -76,7 +76,8 @@ def settling_summary(
     """After how many frames a technique's views were like the geometry, of views that were ``held`` for so many frames.
 
     ``alike`` counts frames before the first that was like the geometry's (:func:`viewer.measuring.view_errors.alike`),
-    ``settled`` those before nothing was left to capture; both have None for a view that never came there. ``layers`` says how many layers a view shows.
+    ``settled`` those before nothing was left to capture; both have None for a view that never came there. ``layers`` says how
+    many layers a view shows.
 
     - ``alike_frames``: p50, p99 and max over the views that came there, null where none did; ``unlike``: the others;
     - ``settled_frames`` and ``unsettled``: the same of views that settled;
