@@ -38,6 +38,7 @@ FLOORS = {
         "drawing",
         "measuring runtime",
         "report",
+        "window",
         "programs",
     ),
 }
