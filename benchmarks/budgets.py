@@ -33,6 +33,7 @@ from walks import excerpts, mean_interval
 
 from mmi.dataset.reading import open_dataset
 from mmi.inspection.figures import SMALL, new_figure, save, tidy
+from mmi.walks.walk import Step
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.judge import Judge
@@ -44,7 +45,6 @@ from viewer.runtime.loop import FrameLoop, FrameTimes, replay
 from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import make_technique
 from viewer.techniques.dynamic import DynamicImpostors
-from viewer.walks.walk import Step
 
 STORED = "multi-mesh"
 MEASURES = {

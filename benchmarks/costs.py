@@ -21,6 +21,7 @@ import numpy as np
 
 from mmi.dataset.reading import open_dataset
 from mmi.foundation.camera import View
+from mmi.walks.walk import Pose
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.renderer import Renderer
 from viewer.plan import (
@@ -40,7 +41,6 @@ from viewer.plan import (
 )
 from viewer.runtime.calibration import calibrated
 from viewer.scene.scene import CellContents, WalkScene, open_scene
-from viewer.walks.walk import Pose
 
 _MANY = 32
 """Draws into which what is visible is cut."""

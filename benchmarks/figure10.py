@@ -30,7 +30,8 @@ from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import uniform_filter
 
 from citygen.generate import generate
-from mmi.building.dataset import build_dataset, choose_cells
+from mmi.building.cell_choice import choose_cells
+from mmi.building.dataset import build_dataset
 from mmi.city.model import City
 from mmi.dataset.reading import open_dataset
 from mmi.foundation.camera import Camera, View

@@ -27,13 +27,13 @@ from walks import rounds, total_ms
 
 from mmi.building.dataset import build_dataset
 from mmi.cells.viewing_cells import ViewingCell, viewing_cells
+from mmi.cells.whereabouts import Whereabouts
 from mmi.city.model import City, CityObject, Prism
 from mmi.dataset.reading import open_dataset
 from mmi.planning.parameters import BuildParameters
 from mmi.reading.read_city import read_city
 from viewer.report.baseline import single_mesh_scene
 from viewer.scene.scene import open_scene
-from viewer.scene.whereabouts import Whereabouts
 from viewer.techniques.catalogue import TECHNIQUES
 from viewer.walks.tour import tour
 

@@ -17,7 +17,8 @@ from pathlib import Path
 import networkx as nx
 import numpy as np
 
-from mmi.cells.viewing_cells import spread, viewing_cells
+from mmi.cells.choice import spread
+from mmi.cells.viewing_cells import viewing_cells
 from mmi.city.long_objects import cut_objects
 from mmi.planning.layering import assign_layers, boxes_of, layer_area
 from mmi.planning.parameters import BuildParameters

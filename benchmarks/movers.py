@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 
 from mmi.dataset.reading import open_dataset
 from mmi.movers.movers_file import read_movers
+from mmi.walks.walk import Keyframe, Pose, Walk
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
@@ -34,7 +35,6 @@ from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import make_technique
 from viewer.techniques.virtual_frames import FrameRules
 from viewer.techniques.with_movers import WithMovers
-from viewer.walks.walk import Keyframe, Pose, Walk
 
 _RATE = 30.0
 _REACH = 150.0

@@ -21,7 +21,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from mmi.cells.viewing_cells import ViewingCell, spread, viewing_cells
+from mmi.cells.choice import spread
+from mmi.cells.viewing_cells import ViewingCell, viewing_cells
 from mmi.city.long_objects import cut_objects
 from mmi.city.model import City
 from mmi.parallax.critical_zone import cell_region

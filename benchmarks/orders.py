@@ -38,6 +38,7 @@ from walks import excerpts, mean_interval
 from mmi.dataset.reading import open_dataset
 from mmi.foundation.thickness import thickness
 from mmi.inspection.figures import SMALL, new_figure, save, tidy
+from mmi.walks.walk import Step
 from viewer.cells.cell_cache import CellCache
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.drawn_picture import DrawnPicture
@@ -48,7 +49,6 @@ from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import MAIN, make_technique
 from viewer.techniques.dynamic import ORDERS, DynamicImpostors
 from viewer.walks.random_views import random_views
-from viewer.walks.walk import Step
 
 _COLORS = {
     "error-by-time": "#D55E00",

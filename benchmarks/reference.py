@@ -25,18 +25,18 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
-from mmi.cells.viewing_cells import spread
+from mmi.cells.choice import spread
+from mmi.cells.whereabouts import Whereabouts
 from mmi.dataset.reading import open_dataset
 from mmi.foundation.thickness import thickness
+from mmi.walks.walk import Pose
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.view_errors import ViewErrors, WrongRegions, beyond_resampling, psnr, view_errors
 from viewer.plan import Budget
 from viewer.report.pictures import save_picture, triptych
 from viewer.scene.scene import WalkScene, open_scene
-from viewer.scene.whereabouts import Whereabouts
 from viewer.techniques.catalogue import make_technique
-from viewer.walks.walk import Pose
 
 MOST_PX, LEAST_DB = 2.0, 35.0
 """What is promised from a reference viewpoint: thickness beyond resampling, and PSNR."""

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.building.halving import halves
-from mmi.cells.viewing_cells import ViewingCell, spread, viewing_cells
+from mmi.cells.choice import spread
+from mmi.cells.viewing_cells import ViewingCell, viewing_cells
 from mmi.city.long_objects import cut_objects
 from mmi.city.model import City
 from mmi.planning.layering import boxes_of, layer_area

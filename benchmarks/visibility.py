@@ -18,7 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mmi.cells.viewing_cells import ViewingCell, spread, viewing_cells
+from mmi.cells.choice import spread
+from mmi.cells.viewing_cells import ViewingCell, viewing_cells
 from mmi.city.model import City
 from mmi.reading.read_city import read_city
 from mmi.visibility.cell_outline import sample_viewpoints

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.appearance.city_mesh import CityMesh
+from mmi.walks.walk import Step, Walk
 from viewer.cells.cell_cache import CellCache
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.renderer import Renderer
@@ -20,7 +21,6 @@ from viewer.runtime.loop import FrameLoop, FrameTimes, run_walk
 from viewer.scene.scene import WalkScene
 from viewer.techniques.catalogue import make_technique
 from viewer.walks.tour import tour
-from viewer.walks.walk import Step, Walk
 
 PAPER = {
     "O2": {

@@ -2,8 +2,8 @@
 
 Read a city (:func:`read_city`), build a dataset of it (:func:`build_dataset`), open it (:func:`open_dataset`), read a cell's
 layers (:func:`read_impostor`), plot what was done (:func:`inspect_dataset`). The packages follow the paper, from the ground up:
-foundation, city, reading, appearance, cells, movers, gltf, writing, visibility, parallax, validity, planning, capture, meshing,
-dataset, building, inspection, programs.
+foundation, city, reading, appearance, cells, movers, walks, gltf, writing, visibility, parallax, validity, planning, capture,
+meshing, dataset, building, inspection, programs.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 from mmi.foundation.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from mmi.building.dataset import BuildSummary, CellChoice, build_dataset, choose_cells
+    from mmi.building.cell_choice import CellChoice, choose_cells
+    from mmi.building.dataset import BuildSummary, build_dataset
     from mmi.capture.layer_values import DepthTexture, GridMesh, Impostor, Layer, LayerMesh, LayerPicture, Promise
     from mmi.cells.viewing_cells import ViewingCell, viewing_cells
     from mmi.city.model import City, CityObject, Prism, Texture, TriangleMesh
@@ -108,7 +109,8 @@ _HOMES = MappingProxyType(
         "mmi.planning.weighing": ("FarField",),
         "mmi.foundation.progress": ("Progress", "ProgressLog"),
         "mmi.foundation.plug_ins": ("PlugIn", "plug_in"),
-        "mmi.building.dataset": ("BuildSummary", "CellChoice", "build_dataset", "choose_cells"),
+        "mmi.building.cell_choice": ("CellChoice", "choose_cells"),
+        "mmi.building.dataset": ("BuildSummary", "build_dataset"),
         "mmi.capture.layer_values": (
             "DepthTexture",
             "GridMesh",

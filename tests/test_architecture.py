@@ -20,7 +20,7 @@ FLOORS = {
     "mmi": (
         "foundation",
         "city gltf",
-        "reading appearance cells movers",
+        "reading appearance cells movers walks",
         "writing visibility",
         "parallax validity",
         "planning capture",

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from mmi.foundation.lazy_names import lazy_names
 
 if TYPE_CHECKING:
+    from mmi.walks.walk import Keyframe, Pose, Walk, read_walk, write_walk
     from viewer.cells.scene_cache import cell_cache
     from viewer.drawing.renderer import Renderer
     from viewer.plan import (
@@ -45,7 +46,6 @@ if TYPE_CHECKING:
     from viewer.techniques.virtual_frames import FrameRules
     from viewer.walks.random_views import random_views
     from viewer.walks.tour import tour
-    from viewer.walks.walk import Keyframe, Pose, Walk, read_walk, write_walk
 
 __all__ = [
     "TECHNIQUES",
@@ -122,7 +122,7 @@ _HOMES = MappingProxyType(
         "viewer.techniques.virtual_frames": ("FrameRules",),
         "viewer.walks.random_views": ("random_views",),
         "viewer.walks.tour": ("tour",),
-        "viewer.walks.walk": ("Keyframe", "Pose", "Walk", "read_walk", "write_walk"),
+        "mmi.walks.walk": ("Keyframe", "Pose", "Walk", "read_walk", "write_walk"),
     }
 )
 

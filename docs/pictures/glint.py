@@ -10,13 +10,13 @@ import numpy as np
 from PIL import Image
 
 from mmi import open_dataset
+from mmi.walks.walk import Pose
 from viewer.cells.loaded_cell import load_cell
 from viewer.drawing.renderer import Renderer
 from viewer.plan import Budget, Plan
 from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import make_technique
 from viewer.walks.random_views import random_views
-from viewer.walks.walk import Pose
 
 FRAMES = 40
 """For how many frames a view is held before it is shown."""

@@ -1,4 +1,5 @@
 """From a city to a dataset, resumable at any moment, by several processes.
 
-``dataset`` builds all cells, ``cell`` one; ``workers`` are the processes, ``halving`` cuts cells that exceed a budget.
+``cell_choice`` says which cells are built, ``dataset`` builds them, ``cell`` one of them; ``workers`` are the processes,
+``halving`` cuts cells that exceed a budget.
 """

@@ -18,11 +18,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import networkx as nx
-
+from mmi.building.cell_choice import CellChoice, choose_cells
 from mmi.building.halving import whole_of, with_halves_joined
 from mmi.building.workers import Done, Job, costs_over_budget, run_jobs
-from mmi.cells.viewing_cells import spread, viewing_cells
 from mmi.city.codec import city_to_json
 from mmi.city.long_objects import cut_objects
 from mmi.city.model import City
@@ -33,9 +31,8 @@ from mmi.foundation.errors import DatasetError, ParameterError
 from mmi.foundation.json_forms import fingerprint, readable_json
 from mmi.foundation.processes import package_version, peak_memory
 from mmi.planning.parameters import BuildParameters
-from mmi.planning.plan import landmark_factors
 
-__all__ = ["BuildSummary", "CellChoice", "build_dataset", "choose_cells"]
+__all__ = ["BuildSummary", "build_dataset"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,38 +60,6 @@ class BuildSummary:
     """Cells whose errors are not bounded: id -> why, in words."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CellChoice:
-    """The ``graph`` of all viewing cells of a city, and the ``names`` of those to build; from :func:`choose_cells`."""
-
-    graph: nx.Graph
-    names: tuple[str, ...]
-
-
-def choose_cells(
-    city: City, parameters: BuildParameters, *, cells: Sequence[str] | None = None, max_cells: int | None = None
-) -> CellChoice:
-    """Cut the streets into viewing cells and choose some: all, those named, or ``max_cells`` spread over the city.
-
-    Raises ParameterError for an unknown cell or landmark, or where there are no cells at all.
-    """
-    landmark_factors(city, parameters)
-    graph = viewing_cells(city, max_length=parameters.cell_length, eye=parameters.eye)
-    if not len(graph):
-        raise ParameterError(f"{city.source}: streets with room for a viewing cell expected, found none")
-    if cells is not None:
-        unknown = [cell for cell in cells if cell not in graph]
-        if unknown:
-            some = ", ".join(list(graph)[:3])
-            raise ParameterError(f"cell {unknown[0]}: one of the {len(graph)} cells ({some}, ...) expected")
-        return CellChoice(graph, tuple(sorted(set(cells))))
-    if max_cells is not None:
-        if max_cells < 1:
-            raise ParameterError(f"a number of cells of at least 1 expected, found {max_cells}")
-        return CellChoice(graph, tuple(sorted(spread(graph, max_cells))))
-    return CellChoice(graph, tuple(sorted(graph)))
-
-
 def build_dataset(
     city: City,
     out: Path,
@@ -108,9 +73,9 @@ def build_dataset(
     """Build, resume or bring up to date the dataset in folder ``out``.
 
     The bytes depend on city and parameters alone (``build.json`` aside). Cells of earlier builds that are still current
-    stay in the dataset, asked for or not. ``cells`` are ids, or what :func:`choose_cells` returned, which is not chosen again;
-    ``max_cells`` are spread over the city. ``progress`` is called with (cells done, cells to do, what was done last), first
-    before the city is prepared.
+    stay in the dataset, asked for or not. ``cells`` are ids, or what :func:`~mmi.building.cell_choice.choose_cells`
+    returned, around a place for instance; ``max_cells`` are spread over the city. ``progress`` is called with (cells done,
+    cells to do, what was done last), first before the city is prepared.
 
     Raises ParameterError, CaptureError, DatasetError.
     """

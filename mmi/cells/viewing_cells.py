@@ -40,7 +40,6 @@ __all__ = [
     "STEEPEST",
     "CellReport",
     "ViewingCell",
-    "spread",
     "viewing_cells",
 ]
 
@@ -202,28 +201,6 @@ def viewing_cells(
         degenerate_streets=sum(len(street.points) < 2 for street in streets),
     )
     return graph
-
-
-def spread(graph: nx.Graph, n: int) -> list[str]:
-    """``n`` cells of ``graph`` spread over the city, or all if there are fewer: ids in the order of choice.
-
-    Cells are lined up along a Z-order curve through their middles (Morton 1966) and taken in van der Corput's order
-    (1935): any number of them is even over the city, dense where its streets are, and the first k of ``spread(graph, n)``
-    are ``spread(graph, k)``. Raises ParameterError unless n is positive.
-    """
-    if n < 1:
-        raise ParameterError(f"at least one cell expected, found {n}")
-    names = list(graph)
-    if not names:
-        return []
-    middles = np.array([graph.nodes[name]["cell"].reference[:2] for name in names])
-    extent = max(float(np.ptp(middles, axis=0).max()), 1e-9)
-    steps = np.minimum(((middles - middles.min(axis=0)) / extent * 1024).astype(np.int64), 1023)
-    curve = sum((steps[:, axis] >> bit & 1) << (2 * bit + axis) for axis in (0, 1) for bit in range(10))
-    line = np.argsort(curve, kind="stable")
-    bits = max(len(names) - 1, 1).bit_length()
-    reversed_bits = (int(f"{i:0{bits}b}"[::-1], 2) for i in range(1 << bits))
-    return [names[line[place]] for place in reversed_bits if place < len(names)][:n]
 
 
 def _blocked(pieces: list[Piece], obstacles: shapely.STRtree) -> dict[int, list[int]]:

@@ -30,6 +30,7 @@ from mmi.programs.command_line import (
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from mmi.building.cell_choice import CellChoice
     from mmi.building.dataset import BuildSummary
     from mmi.cells.viewing_cells import CellReport
     from mmi.reading.read_city import CityReport
@@ -42,6 +43,7 @@ _MOST_WORKERS = 64
 _EXAMPLE = """\
 examples:
   build-impostors examples/helsinki/helsinki.osm.pbf -o out/helsinki --max-cells 24
+  build-impostors examples/helsinki/helsinki.osm.pbf -o out/around --around 24.9384,60.1672 --radius 120
   build-impostors buildings.shp --streets roads.shp -o out/town --display 1920x1080 --max-error 5
 
 The same command resumes a build that was stopped, and after a change of the city rebuilds what the change touches.
@@ -168,10 +170,27 @@ def _build_parser() -> Parser:
         help="1, 3 or 5 colour samples a side (default: 1)",
     )
 
+    which = parser.add_argument_group("which cells", "All of the city, unless one of these says otherwise.")
+    some = which.add_mutually_exclusive_group()
+    some.add_argument(
+        "--around",
+        type=_place,
+        metavar="LON,LAT|OBJECT",
+        help="those around a place that can be walked to from there: degrees (metres x,y in the frame of a city without "
+        "coordinate system), or the id of an object (way/123)",
+    )
+    some.add_argument(
+        "--along", type=path_option, metavar="FILE", help="those that a recorded walk passes (JSON, schemas/walk.json)"
+    )
+    some.add_argument("--max-cells", type=int, metavar="N", help="N cells spread over the city, to measure it")
+    some.add_argument("--cells", type=names_option, metavar="IDS", help="only these (0017-00,0017-01)")
+    which.add_argument(
+        "--radius",
+        type=float,
+        metavar="M",
+        help="with --around: how near cells come to the place, in metres (default: 100)",
+    )
     work = parser.add_argument_group("the work")
-    some = work.add_mutually_exclusive_group()
-    some.add_argument("--cells", type=names_option, metavar="IDS", help="only these cells (0017-00,0017-01)")
-    some.add_argument("--max-cells", type=int, metavar="N", help="N cells spread over the city, for a first look")
     work.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
     work.add_argument(
         "--json", action="store_true", help="the report as JSON on standard output, and nothing else there"
@@ -193,22 +212,37 @@ def _build(options: argparse.Namespace) -> None:
         raise ParameterError(f"--workers: 1 to {max(_MOST_WORKERS, cores)} processes expected, found {workers}")
     if options.max_cells is not None and options.max_cells < 1:
         raise ParameterError(f"--max-cells: a number of at least 1 expected, found {options.max_cells}")
+    if options.radius is not None and options.around is None:
+        raise ParameterError("--radius: a place to go with it expected (--around), found none")
+    if options.radius is not None and not 0.0 < options.radius < math.inf:
+        raise ParameterError(f"--radius: metres above 0 expected, found {options.radius:g}")
 
     from rich.console import Console
 
-    from mmi.building.dataset import build_dataset, choose_cells
+    from mmi.building.cell_choice import RADIUS, choose_cells
+    from mmi.building.dataset import build_dataset
     from mmi.dataset.folder import make_folder
     from mmi.reading.read_city import read_city
+    from mmi.walks.walk import read_walk
 
+    walk = None if options.along is None else read_walk(options.along)
     talk = Console(stderr=options.json, quiet=options.quiet, highlight=False)
     with ProgressBar("steps of reading", quiet=options.quiet) as advance:
         city, report = read_city(options.city, reading, progress=advance)
     # Whoever mistypes an option gets one line, not a table before it.
-    chosen = choose_cells(city, parameters, cells=options.cells, max_cells=options.max_cells)
+    chosen = choose_cells(
+        city,
+        parameters,
+        cells=options.cells,
+        max_cells=options.max_cells,
+        around=options.around,
+        radius=RADIUS if options.radius is None else options.radius,
+        along=walk,
+    )
     make_folder(options.output)
     with suppress(SystemExit):  # rich leaves when nobody reads its output any more (| head): the build goes on
         _print_report(talk, report)
-        _print_cells(talk, chosen.graph.graph["report"])
+        _print_cells(talk, chosen)
     with ProgressBar("cells", quiet=options.quiet) as advance:
         summary = build_dataset(
             city,
@@ -280,8 +314,9 @@ def _print_report(talk: Console, report: CityReport) -> None:
         talk.print(f"warning: {warning}", soft_wrap=True)
 
 
-def _print_cells(talk: Console, cells: CellReport) -> None:
-    """One line: what became of the streets."""
+def _print_cells(talk: Console, chosen: CellChoice) -> None:
+    """What became of the streets, and which cells were chosen: a line each."""
+    cells: CellReport = chosen.graph.graph["report"]
     text = f"{cells.cells} viewing cells on {cells.street_length / 1000.0:.1f} km of streets"
     if cells.narrowed_cells:
         text += f", {cells.narrowed_cells} narrower than their street, to keep clear of buildings"
@@ -290,6 +325,13 @@ def _print_cells(talk: Console, cells: CellReport) -> None:
     if cells.degenerate_streets:
         text += f"; {cells.degenerate_streets} streets without length left out"
     talk.print(text, soft_wrap=True)
+    if len(chosen.names) < cells.cells:
+        text = f"{_cells(len(chosen.names))} chosen"
+        if chosen.apart:
+            text += (
+                f"; {chosen.apart} more are as near to the place, but cannot be walked to from there through such cells"
+            )
+        talk.print(text, soft_wrap=True)
 
 
 _MOST_CELLS = 5
@@ -348,6 +390,16 @@ def _plain(summary: BuildSummary) -> dict[str, Any]:
 
 def _band(text: str) -> tuple[float, ...]:
     return tuple(numbers_option(text, 2, "lowest,highest eye height in metres"))
+
+
+def _place(text: str) -> tuple[float, float] | str:
+    """Two numbers are a place, anything else is an object's id."""
+    with suppress(argparse.ArgumentTypeError):
+        x, y = numbers_option(text, 2, "longitude,latitude")
+        return x, y
+    if not text:
+        raise argparse.ArgumentTypeError("LON,LAT or the id of an object expected, found nothing")
+    return text
 
 
 def _landmark(text: str) -> tuple[str, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -41,7 +42,7 @@ def run_program(
 ) -> NoReturn:
     """Parse, run, and turn every expected failure into one line and an exit status; ``kept`` is what Ctrl-C leaves behind."""
     _look_here_for_plug_ins()
-    options = parser.parse_args(arguments)
+    options = parser.parse_args(_with_negative_numbers(sys.argv[1:] if arguments is None else arguments))
     try:
         program(options)
         sys.stdout.flush()
@@ -105,6 +106,17 @@ def _look_here_for_plug_ins() -> None:
         here = str(Path.cwd())
         if here not in sys.path:
             sys.path.append(here)
+
+
+def _with_negative_numbers(arguments: Sequence[str]) -> list[str]:
+    """``--around -73.9,40.7`` as ``--around=-73.9,40.7``, since argparse takes numbers like these for options."""
+    joined: list[str] = []
+    for one in arguments:
+        if joined and re.fullmatch(r"--[a-z-]+", joined[-1]) and re.fullmatch(r"-[\d.]+(,[-+\d.e]+)+", one):
+            joined[-1] += f"={one}"
+        else:
+            joined.append(one)
+    return joined
 
 
 def size_option(text: str) -> tuple[int, int]:

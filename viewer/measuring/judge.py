@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from mmi.foundation.camera import View
 from mmi.foundation.errors import CaptureError
 from mmi.foundation.processes import how_it_ended, without_interrupts
+from mmi.walks.walk import Pose
 from viewer.cells.cell_cache import CellCache
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
@@ -34,7 +35,6 @@ from viewer.measuring.disocclusion import disocclusion_mask, panorama_views
 from viewer.measuring.view_errors import ViewErrors, WrongRegions, view_errors, wrong_regions
 from viewer.plan import Ground, Moving, Plan
 from viewer.scene.scene import WalkScene
-from viewer.walks.walk import Pose
 
 __all__ = ["Judge", "Scored", "WorstView"]
 

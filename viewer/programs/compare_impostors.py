@@ -23,8 +23,8 @@ from mmi.programs.command_line import (
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from mmi.walks.walk import Walk
     from viewer.scene.scene import WalkScene
-    from viewer.walks.walk import Walk
 
 __all__ = ["compare_impostors"]
 
@@ -196,10 +196,10 @@ def _compare(options: argparse.Namespace) -> None:
 
     from mmi.movers.movers import NOTHING_MOVES
     from mmi.movers.movers_file import read_movers
+    from mmi.walks.walk import read_walk, write_walk
     from viewer.report.compare import CompareOptions, compare_views, compare_walk
     from viewer.techniques.virtual_frames import FrameRules
     from viewer.walks.tour import tour
-    from viewer.walks.walk import read_walk, write_walk
 
     moving = NOTHING_MOVES if options.movers is None else read_movers(options.movers)
     try:

@@ -18,6 +18,7 @@ import numpy as np
 from mmi.dataset.reading import Dataset, open_dataset
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.progress import Progress, silent
+from mmi.walks.walk import Step, Walk
 from viewer.cells.cell_cache import CacheReport
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.renderer import Renderer
@@ -47,7 +48,6 @@ from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import MAIN, REFERENCE, make_technique
 from viewer.techniques.virtual_frames import FrameTally
 from viewer.walks.random_views import random_views
-from viewer.walks.walk import Step, Walk
 
 __all__ = ["CompareOptions", "compare_views", "compare_walk"]
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.foundation.progress import Progress
+from mmi.walks.walk import Step
 from viewer.cells.cell_cache import CellCache
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.drawn_picture import DrawnPicture
@@ -27,7 +28,6 @@ from viewer.report.video import VideoWriter
 from viewer.runtime.loop import FrameTimes
 from viewer.scene.scene import WalkScene
 from viewer.techniques.catalogue import REFERENCE, make_technique
-from viewer.walks.walk import Step
 
 __all__ = ["WalkScores", "score_walk", "spread"]
 

@@ -13,11 +13,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from mmi.foundation.camera import View
+from mmi.walks.walk import Pose
 from viewer.plan import Costs, Done, Draw, ImageKey, Objects, Plan, Relief, ReliefPart, Request, Sky, Slot, Work
 from viewer.runtime.cost_model import fitted
 from viewer.runtime.loop import Painter
 from viewer.scene.scene import WalkScene
-from viewer.walks.walk import Pose
 
 __all__ = ["CAUTION", "calibrated"]
 

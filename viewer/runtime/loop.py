@@ -22,12 +22,12 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from mmi.foundation.camera import Camera, View
+from mmi.walks.walk import Pose, Step
 from viewer.cells.cell_cache import CellCache
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.thread_turns import turns_after
 from viewer.plan import Budget, Costs, Done, Plan, Technique
 from viewer.runtime.cost_model import CostModel
-from viewer.walks.walk import Pose, Step
 
 __all__ = ["Frame", "FrameLoop", "FrameTimes", "Painter", "replay", "run_walk"]
 

@@ -1,5 +1,4 @@
 """A dataset opened for walking: ``scene`` is the city's geometry and its cells.
 
-``whereabouts`` finds the cell of a viewpoint, ``follower`` follows a viewer from cell to cell, ``frustum`` tells what a view
-may show.
+``follower`` follows a viewer from cell to cell, ``frustum`` tells what a view may show.
 """

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mmi.appearance.city_mesh import CityMesh, object_boxes
 from mmi.cells.viewing_cells import ViewingCell
+from mmi.cells.whereabouts import Whereabouts
 from mmi.city.terrain import Terrain
 from mmi.dataset.city_files import read_city_mesh
 from mmi.dataset.reading import Dataset
@@ -23,7 +24,6 @@ from mmi.planning.parameters import BuildParameters
 from viewer.plan import Ground
 from viewer.scene.frustum import box_corners, window_corners, within_view
 from viewer.scene.skyline import Skyline, skyline_of
-from viewer.scene.whereabouts import Whereabouts
 
 __all__ = ["CellContents", "WalkScene", "open_scene"]
 

@@ -10,7 +10,7 @@ import numpy as np
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import ParameterError
-from viewer.walks.walk import Pose
+from mmi.walks.walk import Pose
 
 __all__ = ["random_views"]
 

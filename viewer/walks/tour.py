@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.foundation.errors import ParameterError
-from viewer.walks.walk import Keyframe, Pose, Walk
+from mmi.walks.walk import Keyframe, Pose, Walk
 
 __all__ = ["tour"]
 

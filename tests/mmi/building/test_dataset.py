@@ -15,7 +15,8 @@ import shapely
 from cities import block, crossroads
 from hills import hilly_city
 
-from mmi.building.dataset import build_dataset, choose_cells
+from mmi.building.cell_choice import choose_cells
+from mmi.building.dataset import build_dataset
 from mmi.city.model import City
 from mmi.dataset.cell_files import read_impostor
 from mmi.dataset.manifest import FORMAT_VERSION, FileEntry

@@ -10,7 +10,8 @@ from multiprocessing import get_context
 import pytest
 from cities import city_of, crossroads, two_blocks
 
-from mmi.building.dataset import build_dataset, choose_cells
+from mmi.building.cell_choice import choose_cells
+from mmi.building.dataset import build_dataset
 from mmi.building.workers import Job, _as_ours, _deal, _fault
 from mmi.dataset.folder import DatasetFolder, build_folder
 from mmi.dataset.reading import open_dataset

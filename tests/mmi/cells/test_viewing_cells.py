@@ -18,7 +18,8 @@ from shapely.geometry import LineString, Polygon, box, shape
 
 from mmi.building.halving import halves
 from mmi.cells import viewing_cells as cells
-from mmi.cells.viewing_cells import CellReport, ViewingCell, spread, viewing_cells
+from mmi.cells.choice import spread
+from mmi.cells.viewing_cells import CellReport, ViewingCell, viewing_cells
 from mmi.city.model import City, CityObject, Prism
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError, ParameterError
@@ -207,22 +208,6 @@ def test_options_without_meaning_are_refused(options):
 def test_street_without_width_is_refused_by_name():
     with pytest.raises(CityError, match="test: street 0 needs a positive half_width"):
         viewing_cells(city_of([[(0, 0), (30, 0)]], half_width=math.nan))
-
-
-def test_spread_is_even_and_nested():
-    graph = viewing_cells(city_of([[(x, 0), (x + 10, 0)] for x in range(0, 80, 10)]))
-    assert spread(graph, 4) == ["0000-00", "0004-00", "0002-00", "0006-00"]
-    assert spread(graph, 5)[:3] == spread(graph, 3)
-    assert sorted(spread(graph, 99)) == list(graph)
-    with pytest.raises(ParameterError):
-        spread(graph, 0)
-
-
-def test_spread_takes_every_cell_once_even_where_cells_coincide():
-    graph = nx.Graph()
-    for name in ("a", "b", "c"):
-        graph.add_node(name, cell=ViewingCell(name, (0.0, 0.0), (1.0, 0.0), 1.0, (1.5, 1.9)))
-    assert sorted(spread(graph, 3)) == ["a", "b", "c"]
 
 
 grid = st.integers(-60, 60)

@@ -24,6 +24,7 @@ from mmi.programs import build_impostors as builder
 from mmi.programs import inspect_layers as inspector
 from mmi.programs.build_impostors import build_impostors
 from mmi.programs.inspect_layers import inspect_layers
+from mmi.walks.walk import Keyframe, Pose, Walk, write_walk
 
 ROOT = Path(__file__).resolve().parents[3]
 SMALL = ["--display", "128x128", "--workers", "1", "--near-distance", "20"]
@@ -145,6 +146,22 @@ def refusal(capsys, *arguments, program=build_impostors):
         ("--streets nowhere.shp", "nowhere.shp: no such file or folder"),
         ("--near-distance 50 --near-triangles 100", "not allowed with argument --near-distance"),
         ("--cells 0000-00 --max-cells 1", "not allowed with argument --cells"),
+        ("--cells 0000-00 --around way/10", "not allowed with argument --cells"),
+        ("--around way/10 --max-cells 1", "not allowed with argument --around"),
+        ("--around way/10 --along walk.json", "not allowed with argument --around"),
+        ("--around ''", "LON,LAT or the id of an object expected, found nothing"),
+        ("--around way/404", "around way/404: LON,LAT or one of the 6 objects of town.osm (way/1, way/3, way/11, ...)"),
+        ("--around 24.94,60.17", "around 24.94,60.17: a place in town.osm expected, which lies at longitude "),
+        ("--around -24.94,60.17", "around -24.94,60.17: a place in town.osm expected, which lies at longitude "),
+        (
+            "--around 500000,0",
+            "longitude and latitude in degrees expected, since town.osm has the coordinate system EPSG:",
+        ),
+        ("--around way/1 --radius 0", "--radius: metres above 0 expected, found 0"),
+        ("--around way/1 --radius nan", "--radius: metres above 0 expected, found nan"),
+        ("--around way/1 --radius 5", "around way/1: a street within 5 m expected, found none, the nearest is "),
+        ("--radius 5", "--radius: a place to go with it expected (--around), found none"),
+        ("--along nowhere.json", "nowhere.json: a walk's JSON file expected, found: No such file or directory"),
         ("--objects trees", "invalid choice: 'trees'"),
         ("--nonsense", "unrecognized arguments: --nonsense (see build-impostors --help)"),
         ("another.osm", "unrecognized arguments: another.osm"),
@@ -160,6 +177,28 @@ def test_city_and_output_are_asked_for(capsys, city):
     assert "required: -o/--output" in refusal(capsys, city)
     assert "required: CITY" in refusal(capsys, "-o", "out")
     assert "a path expected, found nothing" in refusal(capsys, city, "-o", "")
+
+
+def test_cells_around_a_house_and_along_a_walk_are_built(capsys, city, tmp_path):
+    """The street is 200 m long, six cells; the walk goes on 40 m of it."""
+    arguments = [city, "-o", tmp_path / "out", *SMALL]
+    status, out, _ = run(capsys, build_impostors, *arguments, "--around", "way/1", "--radius", "22")
+    assert status == 0
+    around = [entry.id for entry in open_dataset(tmp_path / "out").manifest.cells]
+    assert 0 < len(around) < 6
+    assert re.search(rf"^{len(around)} cells? chosen$", out, re.MULTILINE)
+    x, y = open_dataset(tmp_path / "out").manifest.cells[-1].viewing_cell.q
+    walked = Walk(
+        "on", (Keyframe(0.0, Pose((x + 1.0, y, 1.7), 0.0, 0.0)), Keyframe(9.0, Pose((x + 41.0, y, 1.7), 0.0, 0.0)))
+    )
+    write_walk(walked, tmp_path / "walk.json")
+    assert run(capsys, build_impostors, *arguments, "--quiet", "--along", tmp_path / "walk.json") == (0, "", "")
+    both = [entry.id for entry in open_dataset(tmp_path / "out").manifest.cells]
+    assert both == [f"0000-{i:02d}" for i in range(len(around) + 2)]
+    elsewhere = Walk("elsewhere", (Keyframe(0.0, Pose((900.0, 0.0, 1.7), 0.0, 0.0)),))
+    write_walk(elsewhere, tmp_path / "walk.json")
+    words = "walk 'elsewhere': a path along the streets expected, found one that stays "
+    assert words in refusal(capsys, *arguments, "--along", tmp_path / "walk.json")
 
 
 # ------------------------------------------------------------------------------------------------------- cities

@@ -15,7 +15,8 @@ from oracles import PrismRays, searching_rays, viewpoints_within
 from shapely import affinity
 from shapely.geometry import LineString, Point, Polygon, box
 
-from mmi.cells.viewing_cells import ViewingCell, spread, viewing_cells
+from mmi.cells.choice import spread
+from mmi.cells.viewing_cells import ViewingCell, viewing_cells
 from mmi.city.model import City, CityObject, Prism
 from mmi.foundation.errors import ParameterError
 from mmi.reading.read_city import read_city

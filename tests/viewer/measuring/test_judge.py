@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from mmi.foundation.errors import CaptureError
+from mmi.walks.walk import Pose
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.measuring.judge import Judge
 from viewer.plan import Plan
-from viewer.walks.walk import Pose
 
 POSE = Pose((0.0, 0.0, 1.7), 0.0, 0.0)
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from moving import block, movers_of
 
+from mmi.walks.walk import Keyframe, Pose, Walk
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
@@ -16,7 +17,6 @@ from viewer.plan import Budget
 from viewer.scene.skyline import skyline_of
 from viewer.techniques.catalogue import make_technique
 from viewer.techniques.virtual_frames import FrameRules
-from viewer.walks.walk import Keyframe, Pose, Walk
 
 FIRST = 100
 

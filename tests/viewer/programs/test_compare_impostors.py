@@ -12,10 +12,10 @@ from moving import movers_of
 
 from mmi.dataset.reading import open_dataset
 from mmi.movers.movers_file import write_movers
+from mmi.walks.walk import Keyframe, Pose, Walk, write_walk
 from viewer.programs import compare_impostors as program
 from viewer.programs.compare_impostors import _MORE, _TECHNIQUES, compare_impostors
 from viewer.techniques.catalogue import TECHNIQUES
-from viewer.walks.walk import Keyframe, Pose, Walk, write_walk
 
 QUICK = ["--techniques", "local,multi-mesh", "--no-flip", "--worst", "1"]
 

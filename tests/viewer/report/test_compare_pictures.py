@@ -11,8 +11,8 @@ from cities import crossroads
 import viewer
 from mmi.building.dataset import build_dataset
 from mmi.dataset.reading import open_dataset
+from mmi.walks.walk import Keyframe, Pose, Walk
 from viewer.report.compare import CompareOptions, compare_views, compare_walk
-from viewer.walks.walk import Keyframe, Pose, Walk
 
 SCHEMA = json.loads((Path(viewer.__file__).parent / "report" / "schemas" / "report.json").read_text())
 WALK = Walk("east", (Keyframe(0.0, Pose((20.0, 0.0, 1.7), 0.2, 0.0)), Keyframe(4.0, Pose((60.0, 0.0, 1.7), -0.2, 0.0))))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import viewer
+from mmi.walks.walk import Pose
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.renderer import Renderer
 from viewer.plan import (
@@ -30,7 +31,6 @@ from viewer.report.compare import CompareOptions, compare_views
 from viewer.report.held_views import alike_after, held_again, hold_view, layers_shown, settled_after, settled_frames
 from viewer.scene.follower import Follower
 from viewer.techniques.catalogue import make_technique
-from viewer.walks.walk import Pose
 
 SCHEMA = json.loads((Path(viewer.__file__).parent / "report" / "schemas" / "report.json").read_text())
 IMAGE = ImageKey("gradual", "all")

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mmi.walks.walk import Keyframe, Pose, Walk
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.view_errors import pop
 from viewer.plan import Budget, Done, ImageKey, Objects, Plan, Relief, ReliefPart, Request, Sky, Slot, Work
@@ -12,7 +13,6 @@ from viewer.report.compare import CompareOptions, compare_walk
 from viewer.report.walk_scores import _popping
 from viewer.runtime.loop import FrameTimes
 from viewer.techniques.geometry import FullGeometry
-from viewer.walks.walk import Keyframe, Pose, Walk
 
 WALK = Walk("east", (Keyframe(0.0, Pose((20.0, 0.0, 1.7), 0.2, 0.0)), Keyframe(2.0, Pose((40.0, 0.0, 1.7), -0.2, 0.0))))
 

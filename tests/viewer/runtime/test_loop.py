@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mmi.walks.walk import Keyframe, Pose, Walk
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.plan import Budget, Costs, Done, ImageKey, Plan, Request, Sky, Slot, Work
 from viewer.runtime.cost_model import CostModel
 from viewer.runtime.loop import FrameLoop, replay, run_walk
 from viewer.techniques.catalogue import TECHNIQUES, make_technique
-from viewer.walks.walk import Keyframe, Pose, Walk
 
 WALK = Walk(
     "east and north",

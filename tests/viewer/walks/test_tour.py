@@ -11,11 +11,12 @@ from cities import HELSINKI, city_of, crossroads
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mmi.cells.viewing_cells import ViewingCell, spread, viewing_cells
+from mmi.cells.choice import spread
+from mmi.cells.viewing_cells import ViewingCell, viewing_cells
 from mmi.foundation.errors import ParameterError
 from mmi.reading.read_city import read_city
+from mmi.walks.walk import Walk
 from viewer.walks.tour import tour
-from viewer.walks.walk import Walk
 
 BAND = (1.5, 1.9)
 

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import viewer.walks.walk
+import mmi.walks.walk
 from mmi.foundation.camera import Camera
 from mmi.foundation.errors import DatasetError, ParameterError
-from viewer.walks.walk import Keyframe, Pose, Walk, read_walk, write_walk
+from mmi.walks.walk import Keyframe, Pose, Walk, read_walk, write_walk
 
-SCHEMA = json.loads((Path(viewer.walks.walk.__file__).parent / "schemas" / "walk.json").read_text(encoding="utf-8"))
+SCHEMA = json.loads((Path(mmi.walks.walk.__file__).parent / "schemas" / "walk.json").read_text(encoding="utf-8"))
 VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
 
 

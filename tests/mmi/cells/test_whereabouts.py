@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mmi.cells.viewing_cells import ViewingCell, viewing_cells
+from mmi.cells.whereabouts import HYSTERESIS, Whereabouts
 from mmi.foundation.errors import ParameterError
-from viewer.scene.whereabouts import HYSTERESIS, Whereabouts
 
 
 def cell(name, p, q, half_width=3.0):
