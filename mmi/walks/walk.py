@@ -23,7 +23,7 @@ from mmi.foundation.errors import ParameterError
 from mmi.foundation.json_forms import json_number, json_object, read_json, shown
 from mmi.foundation.whole_files import write_whole
 
-__all__ = ["Keyframe", "Pose", "Step", "Walk", "read_walk", "write_walk"]
+__all__ = ["Keyframe", "Pose", "Step", "Walk", "read_walk", "walk_document", "walk_from", "write_walk"]
 
 _FORMAT, _VERSION = "mmi-walk", 1
 _LARGEST = 1e7
@@ -170,7 +170,7 @@ def read_walk(path: Path) -> Walk:
     """
     document = read_json(Path(path), "a walk")
     try:
-        return _walk(document)
+        return walk_from(document)
     except ParameterError as error:
         raise ParameterError(f"{path}: {error}") from error
 
@@ -180,6 +180,15 @@ def write_walk(walk: Walk, path: Path) -> None:
 
     Raises DatasetError where that is impossible.
     """
+    document = walk_document(walk)
+    rows = [json.dumps(row) for row in document.pop("keyframes")]
+    head = json.dumps(document, ensure_ascii=False)
+    text = f'{head[:-1]}, "keyframes": [\n ' + ",\n ".join(rows) + "\n]}\n"
+    write_whole(Path(path), text.encode())
+
+
+def walk_document(walk: Walk) -> dict[str, Any]:
+    """What a file says of a walk, as plain data."""
     rows = []
     for keyframe in walk.keyframes:
         pose = keyframe.pose
@@ -189,10 +198,22 @@ def write_walk(walk: Walk, path: Path) -> None:
             "azimuth": round(math.degrees(pose.azimuth), _DECIMALS),
             "pitch": round(math.degrees(pose.pitch), _DECIMALS),
         }
-        rows.append(json.dumps(row | ({"cut": True} if keyframe.cut else {})))
-    head = json.dumps({"format": _FORMAT, "version": _VERSION, "name": walk.name}, ensure_ascii=False)
-    text = f'{head[:-1]}, "keyframes": [\n ' + ",\n ".join(rows) + "\n]}\n"
-    write_whole(Path(path), text.encode())
+        rows.append(row | ({"cut": True} if keyframe.cut else {}))
+    return {"format": _FORMAT, "version": _VERSION, "name": walk.name, "keyframes": rows}
+
+
+def walk_from(document: object) -> Walk:
+    """The walk that a file's JSON describes. Raises ParameterError that says where it does not."""
+    top = json_object(document, "a walk", required=("format", "version", "name", "keyframes"))
+    if top["format"] != _FORMAT:
+        raise ParameterError(f'"format": "{_FORMAT}" expected, found {shown(top["format"])}')
+    if isinstance(top["version"], bool) or top["version"] != _VERSION:
+        raise ParameterError(f'"version": {_VERSION} expected, found {shown(top["version"])}')
+    if not isinstance(top["name"], str):
+        raise ParameterError(f'"name": a string expected, found {shown(top["name"])}')
+    if not isinstance(top["keyframes"], list):
+        raise ParameterError(f'"keyframes": a list expected, found {shown(top["keyframes"])}')
+    return Walk(top["name"], tuple(_keyframe(value, number) for number, value in enumerate(top["keyframes"], 1)))
 
 
 def _check(keyframe: Keyframe, before: Keyframe | None, number: int) -> None:
@@ -226,20 +247,6 @@ def _leg(keyframes: tuple[Keyframe, ...]) -> _Leg:
         with np.errstate(all="ignore"):  # SciPy divides by slopes, which may be as small as they like
             curve = PchipInterpolator(times, values)
     return _Leg(times[0], times[-1], curve, values.min(axis=0), values.max(axis=0))
-
-
-def _walk(document: object) -> Walk:
-    """The walk that a file's JSON describes. Raises ParameterError that says where it does not."""
-    top = json_object(document, "a walk", required=("format", "version", "name", "keyframes"))
-    if top["format"] != _FORMAT:
-        raise ParameterError(f'"format": "{_FORMAT}" expected, found {shown(top["format"])}')
-    if isinstance(top["version"], bool) or top["version"] != _VERSION:
-        raise ParameterError(f'"version": {_VERSION} expected, found {shown(top["version"])}')
-    if not isinstance(top["name"], str):
-        raise ParameterError(f'"name": a string expected, found {shown(top["name"])}')
-    if not isinstance(top["keyframes"], list):
-        raise ParameterError(f'"keyframes": a list expected, found {shown(top["keyframes"])}')
-    return Walk(top["name"], tuple(_keyframe(value, number) for number, value in enumerate(top["keyframes"], 1)))
 
 
 def _keyframe(value: object, number: int) -> Keyframe:

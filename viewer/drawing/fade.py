@@ -21,24 +21,24 @@ void main() { color_out = vec4(texture(picture, 0.5 * at + 0.5).rgb, share); }
 class Fade:
     """Keeps a picture, and mixes it into a later one."""
 
-    def __init__(self, programs: Programs, targets: Targets) -> None:
-        self._context, self._targets = programs.context, targets
+    def __init__(self, programs: Programs) -> None:
+        self._context = programs.context
         self._programs = programs.make(SCREEN_VERTEX, _FRAGMENT, measures=False)
         self._arrays = {
             mode: programs.context.vertex_array(program.program, []) for mode, program in self._programs.items()
         }
 
-    def keep(self, *, measured: bool) -> None:
+    def keep(self, targets: Targets, *, measured: bool) -> None:
         """Keep the colours of the picture that is there now."""
-        self._targets.resolve(measured=measured)
+        targets.resolve(measured=measured)
 
-    def mix(self, share: float, *, measured: bool) -> list[int]:
+    def mix(self, targets: Targets, share: float, *, measured: bool) -> list[int]:
         """Mix the kept picture into the one that is there now: ``share`` of the kept one. Ids and depths stay."""
-        self._targets.use_color(measured=measured)
+        targets.use_color(measured=measured)
         self._context.disable(moderngl.DEPTH_TEST)
         self._context.enable(moderngl.BLEND)
         self._context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
-        self._targets.resolved.use(0)
+        targets.resolved.use(0)
         self._programs[measured].set({"share": np.float32(share).tobytes()})
         self._arrays[measured].render(moderngl.TRIANGLES, vertices=3)
         self._context.disable(moderngl.BLEND)

@@ -14,6 +14,7 @@ from typing import assert_never
 
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
 from mmi.appearance.city_mesh import CityMesh
 from mmi.foundation.camera import View
@@ -56,12 +57,14 @@ __all__ = ["Renderer", "gpu_seconds"]
 
 _SWITCH_INTERVAL = 5e-4
 """Seconds for which other threads may keep the interpreter when OpenGL has finished. Python's own 5 ms would be felt."""
+_SIZES = 8
+"""What is drawn into is kept for this many sizes: several windows take turns, and some show two pictures."""
 _CLOCKS = 1.05
 """The GPU's own clock may count this many times the seconds of the whole drawing, since two clocks never quite agree."""
 
 
 class Renderer:
-    """One city in one OpenGL context, drawing pictures of one size. Use as a context manager.
+    """One city in one OpenGL context, drawing pictures of ``size``, which can be changed. Use as a context manager.
 
     ``measured`` keeps what measuring needs (object ids of layers). ``samples``: multisampling of unmeasured pictures.
     ``movers`` are what moves in the city, in its frame; plans say where they are. With ``glint``, windows of painted facades
@@ -109,7 +112,8 @@ class Renderer:
         self._line = LineProgram(self._programs)
         self._targets = Targets(self._programs, size, measured=measured)
         self._images = Images(context)
-        self._fade = Fade(self._programs, self._targets)
+        self._other_targets: dict[tuple[int, int], Targets] = {}
+        self._fade = Fade(self._programs)
         meshes = MeshProgram.made_by(self._programs)
         self._sky = SkyDrawer(self._programs)
         self._ground = GroundDrawer(context, meshes, ground)
@@ -128,6 +132,17 @@ class Renderer:
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def resize(self, size: tuple[int, int]) -> None:
+        """Draw pictures of ``size`` (width, height) from now on. Changing back and forth costs nothing."""
+        if size == self.size:
+            return
+        with self._context:
+            found = self._other_targets.pop(size, None) or Targets(self._programs, size, measured=self.measured)
+            self._other_targets[self.size] = self._targets
+            while len(self._other_targets) >= _SIZES:
+                self._other_targets.pop(next(iter(self._other_targets))).release()
+            self.size, self._targets = size, found
 
     def close(self) -> None:
         """Free everything. The renderer cannot be used afterwards."""
@@ -164,10 +179,20 @@ class Renderer:
     # --------------------------------------------------------------------------------------------------- drawing
 
     def draw(
-        self, plan: Plan, view: View, *, measured: bool = False, read: bool = True, style: Style = PLAIN
+        self,
+        plan: Plan,
+        view: View,
+        *,
+        measured: bool = False,
+        read: bool = True,
+        style: Style = PLAIN,
+        columns: tuple[int, int] | None = None,
+        into: NDArray[np.uint8] | None = None,
     ) -> DrawnPicture:
         """Draw ``plan`` as ``view`` sees it, in a ``style``. Without ``read``, ``color`` is empty: for timing.
 
+        With ``columns``, only those from the first to before the second are drawn and read, as they are in the whole picture.
+        Colours are read ``into`` an array of their shape where there is one.
         The plan's requests are executed first. In a measured picture, ids, depth and displacement are those of ``draws``,
         whatever fades; lines of a style do not count in it, nor among triangles and draws. Raises KeyError where a
         layer is drawn that was not uploaded or an image that was not captured, ValueError for measuring with a renderer that
@@ -176,6 +201,7 @@ class Renderer:
         if measured and not self.measured:
             raise ValueError("a renderer made with measured=True expected")
         with self._context:
+            self._targets.limit(columns)
             start = time.perf_counter()
             with self._timer:
                 captured = self._execute(plan)
@@ -184,7 +210,8 @@ class Renderer:
             with turns_after(_SWITCH_INTERVAL):
                 self._finish()
             seconds = time.perf_counter() - start
-            color = self._targets.color(measured=measured) if read else np.empty((0, 0, 3), dtype=np.uint8)
+            empty = np.empty((0, 0, 3), dtype=np.uint8)
+            color = self._targets.color(measured=measured, into=into) if read else empty
             ids, depth, displacement = self._targets.measures() if measured else (None, None, None)
             gpu = gpu_seconds(self._timer.elapsed, seconds=seconds, device=self.device)
             relief = _relief(shown.draws) + (_relief(shown.fading) if plan.mix < 1.0 else 0)
@@ -254,9 +281,9 @@ class Renderer:
         if plan.mix >= 1.0:
             return self._paint(plan.draws, view, measured, style, plan.requests)
         before = self._paint(plan.fading, view, measured, style, plan.requests)
-        self._fade.keep(measured=measured)
+        self._fade.keep(self._targets, measured=measured)
         now = self._paint(plan.draws, view, measured, style, plan.requests)
-        return [*before, *now, *self._fade.mix(1.0 - plan.mix, measured=measured)]
+        return [*before, *now, *self._fade.mix(self._targets, 1.0 - plan.mix, measured=measured)]
 
     def _paint(
         self, draws: Sequence[Draw], view: View, measured: bool, style: Style, requests: Sequence[Request]

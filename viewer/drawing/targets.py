@@ -1,4 +1,7 @@
-"""What is drawn into, and read back: framebuffers of one size, for pictures that are measured and for those that are not."""
+"""What is drawn into, and read back: framebuffers of one size, for pictures that are measured and for those that are not.
+
+A frame may take some columns of the picture only: what lies beside them is neither drawn nor read.
+"""
 
 from __future__ import annotations
 
@@ -30,6 +33,7 @@ class Targets:
     def __init__(self, programs: Programs, size: tuple[int, int], *, measured: bool) -> None:
         self.size = size
         self._context, self._programs = programs.context, programs
+        self._columns = (0, size[0])
         self._whole = {mode: self._framebuffer(mode) for mode in MODES if measured or not mode}
         self._colors = {
             mode: self._context.framebuffer([whole.color_attachments[0]]) for mode, whole in self._whole.items()
@@ -38,6 +42,26 @@ class Targets:
         self.resolved: Any = self._context.texture(size, 4)
         """Colours without samples, after :meth:`resolve`."""
         self._resolving = self._context.framebuffer([self.resolved])
+
+    def release(self) -> None:
+        """Free it."""
+        for whole in self._whole.values():
+            for part in (*whole.color_attachments, whole.depth_attachment, whole):
+                part.release()
+        for thing in (*self._colors.values(), self._resolving, self.resolved):
+            thing.release()
+
+    def limit(self, columns: tuple[int, int] | None) -> None:
+        """From now on draw and read only columns from the first to before the second, or all of them (None)."""
+        first, end = columns or (0, self.size[0])
+        if not 0 <= first < end <= self.size[0]:
+            raise ValueError(f"columns within {self.size[0]} expected, found {columns}")
+        if (first, end) == self._columns:
+            return
+        self._columns = (first, end)
+        scissor = None if columns is None else (first, 0, end - first, self.size[1])
+        for target in (*self._whole.values(), *self._colors.values()):
+            target.scissor = scissor
 
     def clear(self, *, measured: bool) -> None:
         """Begin a picture."""
@@ -61,19 +85,23 @@ class Targets:
         """Copy the colours into ``resolved``, samples of a pixel averaged."""
         self._context.copy_framebuffer(self._resolving, self._colors[measured])
 
-    def color(self, *, measured: bool) -> NDArray[np.uint8]:
-        """(h, w, 3) sRGB, the top row first."""
+    def color(self, *, measured: bool, into: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
+        """(h, w, 3) sRGB, the top row first; ``into`` such an array where one is given."""
         source = self._whole[measured]
         if self._programs.smooth(measured):
             self.resolve(measured=measured)
             source = self._resolving
-        return np.ascontiguousarray(self._read(source, 0, 4, "u1").reshape(*self.size[::-1], 4)[..., :3])
+        found = self._read(source, 0, 3, "u1").reshape(self.size[1], -1, 3)
+        if into is None:
+            return np.ascontiguousarray(found)
+        into[...] = found
+        return into
 
     def measures(self) -> Measures:
         """What the measured picture says besides colours, the top row first."""
         whole = self._whole[True]
-        ids = self._read(whole, 1, 1, "i4").reshape(self.size[::-1])
-        surface = self._read(whole, 2, 2, "f4").reshape(*self.size[::-1], 2)
+        ids = self._read(whole, 1, 1, "i4")
+        surface = self._read(whole, 2, 2, "f4").reshape(*ids.shape, 2)
         depth = np.where(surface[..., 0] > _SKY_DEPTH, np.inf, surface[..., 0]).astype(np.float32)
         displacement = np.where(surface[..., 1] < 0.0, np.nan, surface[..., 1]).astype(np.float32)
         return Measures(ids, depth, displacement)
@@ -95,5 +123,12 @@ class Targets:
         )
 
     def _read(self, source: Any, attachment: int, components: int, dtype: str) -> NDArray[Any]:  # noqa: ANN401
-        data = source.read(components=components, attachment=attachment, dtype="f1" if dtype == "u1" else dtype)
+        first, end = self._columns
+        data = source.read(
+            viewport=(first, 0, end - first, self.size[1]),
+            components=components,
+            attachment=attachment,
+            alignment=1,
+            dtype="f1" if dtype == "u1" else dtype,
+        )
         return np.frombuffer(data, dtype=dtype).reshape(self.size[1], -1)[::-1]

@@ -23,13 +23,12 @@ from typing import Protocol
 
 from mmi.foundation.camera import Camera, View
 from mmi.walks.walk import Pose, Step
-from viewer.cells.cell_cache import CellCache
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.thread_turns import turns_after
-from viewer.plan import Budget, Costs, Done, Plan, Technique
+from viewer.plan import Budget, CellKey, Costs, Done, Plan, Technique
 from viewer.runtime.cost_model import CostModel
 
-__all__ = ["Frame", "FrameLoop", "FrameTimes", "Painter", "replay", "run_walk"]
+__all__ = ["Frame", "FrameLoop", "FrameTimes", "Loader", "Painter", "replay", "run_walk"]
 
 _UPLOADING = 0.1
 """The share of a usual frame's time that uploads of cells ahead may take in a frame."""
@@ -37,7 +36,7 @@ _RECENT = 1024
 """The median of this many last frames says what a frame usually takes."""
 _COSTLY = 1.2
 """Uploads of cells ahead wait for another frame where one took more than this many times the usual."""
-_SWITCH_INTERVAL = 1.0
+_TURNS = 1.0
 """Seconds after which the loading thread may take the interpreter from a frame: what reads files may not give it back for
 milliseconds. It gets it while OpenGL draws."""
 
@@ -51,6 +50,22 @@ class Painter(Protocol):
 
     def draw(self, plan: Plan, view: View, *, read: bool = True) -> DrawnPicture:
         """Draw ``plan`` as ``view`` sees it."""
+        ...
+
+
+class Loader(Protocol):
+    """What brings in cells: a :class:`viewer.cells.cell_cache.CellCache`, or a share in one."""
+
+    def want(self, needed: Iterable[CellKey], ahead: Iterable[CellKey] = ()) -> None:
+        """Say what is needed now, and what may be needed next, most urgent first."""
+        ...
+
+    def require(self, cells: Iterable[CellKey], *, counted: bool = True) -> float:
+        """Wait until ``cells`` can be drawn; the seconds that took."""
+        ...
+
+    def spend(self, seconds: float) -> float:
+        """Upload what has arrived, for about as long; the seconds that took."""
         ...
 
 
@@ -116,22 +131,25 @@ class FrameLoop:
     ``budget`` is the time that a frame should take, ``updates`` what the requests of its plan should take of it at most, in
     seconds. ``costs`` is what drawing is believed to take before the first frame (:mod:`viewer.runtime.calibration` finds it);
     what frames took refines it. ``cache`` brings in the cells that plans need, into what ``painter`` draws from. Frames are
-    asked for in the order of their times.
+    asked for in the order of their times. Other threads may take the interpreter from a frame after ``turns`` seconds.
+    ``camera`` and ``updates`` may be changed between frames.
     """
 
     def __init__(
         self,
         technique: Technique,
         painter: Painter,
-        cache: CellCache,
+        cache: Loader,
         *,
         camera: Camera,
         budget: float = 1.0 / 30.0,
         updates: float = math.inf,
         costs: Costs | None = None,
+        turns: float = _TURNS,
     ) -> None:
         self._technique, self._painter, self._cache = technique, painter, cache
-        self._camera, self._budget, self._updates = camera, budget, updates
+        self.camera, self.updates = camera, updates
+        self._budget, self._turns = budget, turns
         self._last: FrameTimes | None = None
         self._usual = _Usual()
         self._model = CostModel() if costs is None else CostModel(costs)
@@ -149,9 +167,9 @@ class FrameLoop:
         """
         last = self._last
         cut = cut or last is None
-        view = pose.view(self._camera)
+        view = pose.view(self.camera)
         budget = self._next_budget()
-        with turns_after(_SWITCH_INTERVAL):
+        with turns_after(self._turns):
             start = clock.perf_counter()
             plan = self._technique.plan(view, now=time, budget=budget)
             self._cache.want(plan.cells, plan.ahead)
@@ -170,7 +188,7 @@ class FrameLoop:
                 room = min(room, max(self._budget - spent, 0.0))
             uploading = self._cache.spend(room) if spent <= _COSTLY * usual else 0.0
         self._usual.add(spent)
-        self._model = self._model.after(picture.done, planning=planned, target=self._budget, updates=self._updates)
+        self._model = self._model.after(picture.done, planning=planned, target=self._budget, updates=self.updates)
         self._last = FrameTimes(
             time=time,
             cell=plan.place,
@@ -194,9 +212,9 @@ class FrameLoop:
         """What the next plan is told. Uploads are seldom alone: they are expected to take what they took in the last frame."""
         costs = self._model.costs
         if self._last is None:
-            return Budget(self._budget, self._updates, costs)
+            return Budget(self._budget, self.updates, costs)
         costs = costs._replace(frame=costs.frame + self._last.uploading)
-        return Budget(self._budget, self._updates, costs, self._last.done)
+        return Budget(self._budget, self.updates, costs, self._last.done)
 
 
 def replay(steps: Iterable[Step], budgets: Iterable[Budget], technique: Technique, *, camera: Camera) -> Iterator[Plan]:

@@ -133,16 +133,20 @@ def make_technique(
     fade: float = 0.0,
     frames: FrameRules | None = None,
     at: float | None = None,
+    owner: str | None = None,
 ) -> Technique:
     """A fresh technique, which knows of no viewer yet. ``scenes``: ``multi-mesh``, and ``single-mesh`` where that is asked for.
 
     It also draws what moves in its scene, as it is ``at`` a time (seconds; None: as time goes by): layered techniques by the
-    rules of ``frames``, all others as geometry. All but the reference leave out what buildings hide of it. Raises
-    ParameterError for what :func:`find_technique` refuses.
+    rules of ``frames``, all others as geometry. All but the reference leave out what buildings hide of it. Where several
+    viewers are drawn by one renderer, the images that are captured for this one are those of ``owner``. Raises ParameterError
+    for what :func:`find_technique` refuses.
     """
     entry = find_technique(of)
     scene = scenes[entry.scene]
     made = entry.make(scene, fade)
+    if owner is not None and isinstance(made, DynamicImpostors):
+        made.owner = owner
     if not scene.movers.ids:
         return made
     rules = frames if entry.layered else None

@@ -156,6 +156,8 @@ class DynamicImpostors:
     def __init__(self, scene: WalkScene, *, fade: float = 0.0, order: str = "error-by-time") -> None:
         if order not in ORDERS:
             raise ParameterError(f"order {order!r}: one of {', '.join(ORDERS)} expected")
+        self.owner = self.name
+        """Whose images are captured: several viewers who are drawn in turns by one renderer need one each."""
         self._scene, self._order = scene, ORDERS[order]
         self._stored = LayeredImpostors(scene, fade=fade)
         self._limit = scene.parameters.max_angle
@@ -265,7 +267,7 @@ class DynamicImpostors:
             every = np.concatenate(list(bounds.values()))
             farthest = max(place.units[i].depth for i in bounds)
             part = ReliefPart(view, (0, 0), max(farthest, 1.0), spans=spans_of(view, every))
-            place.held = HeldPicture(ImageKey(self.name, f"view {self._frame}"), part)
+            place.held = HeldPicture(ImageKey(self.owner, f"view {self._frame}"), part)
         return () if held is None or not held.begun else (held.image,)
 
     def _parallax(self, place: _Place, unit: int) -> LayerParallax:
@@ -360,7 +362,7 @@ class DynamicImpostors:
         assert place is not None, "what is not in the view is no candidate"
         seen = view.cropped(place.window)
         part = ReliefPart(seen, (0, 0), max(unit.depth, 1.0), spans=spans_of(seen, bounds))
-        return Draft(ImageKey(self.name, f"{unit.name} {self._frame}"), part, place)
+        return Draft(ImageKey(self.owner, f"{unit.name} {self._frame}"), part, place)
 
     def _captured(self, draft: Draft, unit: LayerUnit, bounds: NDArray[np.float64]) -> CapturedLayer:
         """What is there when all of it was captured; ``bounds`` (k, 4) are those of the layer's boxes as they are seen now."""

@@ -1,0 +1,267 @@
+"""One client's view: its walker and its look, the techniques that it compares, and one frame when asked.
+
+A session belongs to the thread that draws. What its client tells comes as :class:`viewer.window.mailbox.Mail`; what time it is
+comes from outside as well, so that a film is made as a window is.
+"""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mmi.foundation.camera import Camera, View
+from mmi.foundation.errors import ParameterError
+from viewer.scene.whereabouts import HYSTERESIS
+from viewer.walks.recording import Playing, Recording
+from viewer.walks.tour import tour
+from viewer.walks.walk import Pose, Walk, walk_document
+from viewer.window.commands import GoTo, PutAt, WalkCommand
+from viewer.window.composing import BLINK
+from viewer.window.mailbox import Mail
+from viewer.window.motion import EYE_HEIGHT, LONGEST, Walker, moved
+from viewer.window.pictures import Pictures, Seen
+from viewer.window.stage import Stage, Streets, window_camera
+
+__all__ = ["Session", "ShownFrame"]
+
+_ABOVE = 1.0
+"""Metres above and below a cell's eyes at which a viewer counts as outside of it."""
+_FIRST = 1.0 / 60.0
+"""Seconds that pass before the first frame after a time without any."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownFrame:
+    """A frame: its ``picture`` (h, w, 3) uint8, top row first, which nobody writes to again, and what is said of it."""
+
+    picture: NDArray[np.uint8]
+    header: dict[str, Any]
+
+
+@dataclass(slots=True, eq=False)
+class Session:
+    """One viewer. ``client`` names it, ``mail`` is how it begins."""
+
+    client: str
+    stage: Stage
+    streets: Streets
+    mail: Mail
+    walker: Walker = field(init=False)
+    frozen: Pose | None = None
+    """Where the impostors' plan is held, while that is asked for."""
+    playing: Playing | None = None
+    recording: Recording | None = None
+    recorded: Walk | None = None
+    number: int = 0
+    failed: bool = False
+    pictures: Pictures = field(init=False)
+    _last: float | None = None
+    _now: float = 0.0
+    _jumped: bool = True
+    _blinked: bool = False
+    _blink_since: float = 0.0
+    _still: bool = False
+    _shown_still: bool = False
+
+    def __post_init__(self) -> None:
+        self.walker = Walker(self.streets.start())
+        self.pictures = Pictures(self.client, self.stage)
+
+    # ------------------------------------------------------------------------------------------------- what is due
+
+    def due(self, now: float) -> bool:
+        """Whether there would be something new to see without any more mail."""
+        at = self.due_at(now)
+        return at is not None and at <= now
+
+    def due_at(self, now: float) -> float | None:
+        """When there will be something new to see without any more mail; None for never."""
+        if self.failed:
+            return None
+        held = self.mail.held
+        if (
+            self.number == 0
+            or self.playing is not None
+            or self.walker.moves
+            or not (held.nothing and self._shown_still)
+        ):
+            return now
+        if not self.pictures.settled:
+            return now
+        return self._blink_since + BLINK if self.mail.look.mode == "blink" else None
+
+    # ----------------------------------------------------------------------------------------------------- a frame
+
+    def frame(self, mail: Mail, now: float) -> ShownFrame:
+        """The next frame, at ``now`` seconds of any clock. Raises what drawing raises."""
+        start = clock.perf_counter()
+        self._take(mail)
+        self._pass_time(mail, now)
+        look, size = self.mail.look, self.mail.size
+        inside, jumped = self.inside, self._jumped
+        seen = Seen(self.walker.pose, self._now, size, self.frozen, inside, jumped, self._blinked)
+        picture = self.pictures.draw(look, seen)
+        self._jumped = False
+        frames, composing = self.pictures.drawn, self.pictures.composing
+        cell = next((one.plan.place for _, one in frames if one.plan.place), "") or self._cell()
+        self.number += 1
+        self._shown_still = self._still
+        self.failed = False
+        drawing = sum(one.times.drawing for _, one in frames)
+        pose = self.walker.pose
+        header = {
+            "frame": self.number,
+            "seq": mail.seq,
+            "width": size[0],
+            "height": size[1],
+            "pose": [*pose.eye, pose.azimuth, pose.pitch],
+            "cell": cell,
+            "inside": inside,
+            "still": self._still,
+            "views": self.pictures.told(),
+            "ms": {
+                "render": 1e3 * drawing,
+                "read": 1e3 * (clock.perf_counter() - start - drawing - composing),
+                "compose": 1e3 * composing,
+            },
+            "budget_ms": look.budget_ms,
+            "recording": self.recording is not None,
+            "playing": None if self.playing is None else self.playing.kind,
+            "frozen": self.frozen is not None,
+            "worst": None,
+        }
+        picture.setflags(write=False)
+        return ShownFrame(picture, header)
+
+    @property
+    def inside(self) -> bool:
+        """Whether the viewer is where impostors are meant to be seen from."""
+        if self.frozen is not None:
+            return True
+        eye = np.array(self.walker.pose.eye)
+        whereabouts = self.stage.main.whereabouts
+        cells = whereabouts.cells
+        away = whereabouts.distances(eye)
+        place = int(np.argmin(away))
+        if away[place] > HYSTERESIS:
+            return False
+        low, high = cells[place].eye
+        return bool(low - _ABOVE <= eye[2] <= high + _ABOVE)
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of the window."""
+        return window_camera(self.stage.main.camera, self.mail.size)
+
+    # ------------------------------------------------------------------------------------------------------- walks
+
+    def command(self, command: WalkCommand) -> dict[str, Any]:
+        """Do what is said about walks; the reply. Raises ParameterError where there is no walk to replay."""
+        match command.do:
+            case "record":
+                self.recording = Recording()
+                self.recording.add(self.walker.pose, 0.0)
+            case "stop":
+                self.playing = None
+                if self.recording is not None:
+                    self.recorded = self.recording.walk("a recorded walk")
+                    self.recording = None
+                    return {"type": "walk", "walk": None if self.recorded is None else walk_document(self.recorded)}
+                return {"type": "walk", "walk": None}
+            case "tour":
+                self.play(self.tour(), "tour")
+            case _:
+                walk = command.walk or self.recorded
+                if walk is None:
+                    raise ParameterError("a walk to replay expected, found none: record one first, or send one")
+                self.play(walk, "walk")
+        return {"type": "walk", "walk": None}
+
+    def play(self, walk: Walk, kind: str) -> None:
+        """Play a walk from its beginning on."""
+        self.playing = Playing(walk, kind)
+        self._put(self.playing.pose)
+
+    def tour(self) -> Walk:
+        """A walk along the streets of the dataset."""
+        cells = self.stage.main.whereabouts.cells
+        neighbours = {one.id: one.neighbours for one in self.stage.main.dataset.manifest.cells}
+        return tour(cells, neighbours, metres=600.0, speed=4.0)
+
+    def close(self) -> None:
+        """Let go of what the session has on the stage."""
+        self.pictures.close()
+
+    # ------------------------------------------------------------------------------------------------ what happens
+
+    def _take(self, mail: Mail) -> None:
+        before, self.mail = self.mail, mail
+        if (mail.size, mail.look) != (before.size, before.look):
+            self.pictures.unsettle()
+        if mail.look.mode != before.look.mode:
+            self._blinked = False
+        self.frozen = (self.frozen or self.walker.pose) if mail.look.freeze else None
+
+    def _pass_time(self, mail: Mail, now: float) -> None:
+        """Move the walker by the time since the last frame."""
+        active = self.number == 0 or not self._still or not mail.held.nothing or mail.turned != (0.0, 0.0)
+        seconds = _FIRST if self._last is None else min(now - self._last, LONGEST)
+        if self._still and active:  # it stood, and nobody looked at the clock
+            seconds = min(seconds, _FIRST)
+        self._last = now
+        self._now += max(seconds, 0.0)
+        before = self.walker.pose
+        if mail.put is not None:
+            self.playing = None
+            self._put(self._place(mail.put))
+        busy = not mail.held.nothing or mail.turned != (0.0, 0.0)
+        if self.playing is not None and busy:
+            self.playing = None
+        if self.playing is not None:
+            playing = self.playing
+            playing.seconds += seconds
+            after = playing.pose
+            self._jumped = self._jumped or math.dist(after.eye, before.eye) > 10.0
+            self.walker = Walker(after)
+            if playing.over:
+                self.playing = None
+        else:
+            self.walker = moved(
+                self.walker, mail.held, mail.turned, seconds, self.streets, fast=mail.fast, fly=self._flies
+            )
+        self._still = self.walker.pose == before and not self._jumped and self.playing is None
+        if self.recording is not None and (not self._still or seconds > 0.0):
+            self.recording.add(self.walker.pose, seconds, jumped=self._jumped)
+            if self.recording.full:
+                self.recorded, self.recording = self.recording.walk("a recorded walk"), None
+        if self.mail.look.mode == "blink" and now - self._blink_since >= BLINK:
+            self._blinked, self._blink_since = not self._blinked, now
+        if not self._still:
+            self.pictures.unsettle()
+
+    @property
+    def _flies(self) -> bool:
+        return self.mail.look.fly or self.frozen is not None
+
+    def _put(self, pose: Pose) -> None:
+        self.walker, self._jumped = Walker(pose), True
+
+    def _place(self, put: GoTo | PutAt) -> Pose:
+        if isinstance(put, PutAt):
+            return put.pose
+        x, y = self.streets.nearest_place(put.to)
+        pose = self.walker.pose
+        return Pose((x, y, self.streets.ground((x, y)) + EYE_HEIGHT), pose.azimuth, 0.0)
+
+    def _cell(self) -> str:
+        eye = np.array(self.walker.pose.eye)
+        return self.stage.main.whereabouts.cell_at(eye, current=None)
+
+    def view(self) -> View:
+        """What the window sees now."""
+        return self.walker.pose.view(self.camera)

@@ -1,0 +1,200 @@
+"""What all sessions share: scenes, the renderer, the cells in memory, walls; and a session's own way to draw with them.
+
+A renderer and a cache of cells belong to one thread, which makes a :class:`Stage` and ends it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mmi.foundation.camera import Camera, View
+from viewer.cells.scene_cache import cell_cache
+from viewer.drawing.drawn_picture import DrawnPicture
+from viewer.drawing.renderer import Renderer
+from viewer.plan import CellKey, CellLayers, Costs, Draw, Ground, Plan
+from viewer.runtime.calibration import calibrated
+from viewer.scene.scene import WalkScene
+from viewer.scene.walls import Walls, walls_of
+from viewer.techniques.catalogue import MAIN
+from viewer.walks.walk import Pose
+from viewer.window.motion import EYE_HEIGHT
+
+__all__ = ["Painting", "Share", "Stage", "Streets", "window_camera"]
+
+
+class Stage:
+    """Scenes by name, the renderer that draws them, and their cells in memory. Use as a context manager, in one thread."""
+
+    def __init__(self, scenes: Mapping[str, WalkScene], *, capacity: int, samples: int = 0) -> None:
+        self.scenes = scenes
+        self.main = scenes[MAIN]
+        self._capacity, self._samples = capacity, samples
+        self._stack = ExitStack()
+        self._wants: dict[str, tuple[tuple[CellKey, ...], tuple[CellKey, ...]]] = {}
+
+    def __enter__(self) -> Stage:
+        main, camera = self.main, self.main.camera
+        with ExitStack() as stack:
+            # A renderer that can measure draws what is not measured as fast as another one.
+            self.renderer = stack.enter_context(
+                Renderer(
+                    main.mesh,
+                    main.ground,
+                    size=(camera.width, camera.height),
+                    measured=True,
+                    samples=self._samples,
+                    movers=main.movers,
+                )
+            )
+            self.costs: Costs = calibrated(self.renderer, main)
+            self.cells = cell_cache(self.scenes, self.renderer, measured=True, capacity=self._capacity)
+            stack.callback(lambda: self.cells.close())
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def renew_cells(self) -> None:
+        """Forget all cells, and that one could not be read: a cache that has failed does not recover."""
+        self.cells.close()
+        self.cells = cell_cache(self.scenes, self.renderer, measured=True, capacity=self._capacity)
+
+    def share(self, name: str) -> Share:
+        """A share in the cells, which counts as wanting what it wanted last until it is forgotten."""
+        return Share(self, name)
+
+    def want(self, name: str, needed: Iterable[CellKey], ahead: Iterable[CellKey]) -> None:
+        """What the share of this name wants from now on, before what all others want."""
+        self._wants.pop(name, None)
+        others = list(self._wants.values())
+        self._wants[name] = (tuple(needed), tuple(ahead))
+        mine = self._wants[name]
+        self.cells.want(
+            [cell for one in (mine, *others) for cell in one[0]], [cell for one in (mine, *others) for cell in one[1]]
+        )
+
+    def forget(self, name: str) -> None:
+        """A share wants nothing any more."""
+        self._wants.pop(name, None)
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """A share in a stage's cells: what a frame loop is given as its cache."""
+
+    stage: Stage
+    name: str
+
+    def want(self, needed: Iterable[CellKey], ahead: Iterable[CellKey] = ()) -> None:
+        """See :meth:`viewer.cells.cell_cache.CellCache.want`."""
+        self.stage.want(self.name, needed, ahead)
+
+    def require(self, cells: Iterable[CellKey], *, counted: bool = True) -> float:
+        """See :meth:`viewer.cells.cell_cache.CellCache.require`."""
+        return self.stage.cells.require(cells, counted=counted)
+
+    def spend(self, seconds: float) -> float:
+        """See :meth:`viewer.cells.cell_cache.CellCache.spend`."""
+        return self.stage.cells.spend(seconds)
+
+
+@dataclass(slots=True)
+class Painting:
+    """How a session's next picture is drawn: a painter for a frame loop, told before each frame what it is to be.
+
+    ``size`` of the whole picture, of which ``columns`` are drawn, ``into`` an array where one is given. ``flying`` is a view
+    to draw from instead of that which the plan was made for; then all layers of a cell are drawn.
+    """
+
+    stage: Stage
+    scene: WalkScene
+    size: tuple[int, int] = (1, 1)
+    columns: tuple[int, int] | None = None
+    into: NDArray[np.uint8] | None = None
+    measured: bool = False
+    flying: View | None = None
+
+    def draw(self, plan: Plan, view: View, *, read: bool = True) -> DrawnPicture:
+        """Draw ``plan``."""
+        renderer = self.stage.renderer
+        renderer.resize(self.size)
+        if self.flying is not None:
+            plan, view = self._seen_from(plan, self.flying), self.flying
+        return renderer.draw(
+            plan, view, measured=self.measured, read=read, columns=self.columns, into=self.into if read else None
+        )
+
+    def _seen_from(self, plan: Plan, view: View) -> Plan:
+        """What is drawn of a plan by somebody who left the place that it was made for."""
+
+        def more(draw: Draw) -> Draw:
+            match draw:
+                case Ground():
+                    return self.scene.ground_in(view)
+                case CellLayers():
+                    scene = self.stage.scenes[draw.cell.dataset]
+                    drawn = set(draw.names)
+                    captured = plan.requests or any(type(one).__name__ == "Relief" for one in plan.draws)
+                    names = scene.cell(draw.cell.cell).layers
+                    return replace(draw, names=tuple(name for name in names if name in drawn or not captured))
+                case _:
+                    return draw
+
+        return replace(plan, draws=tuple(more(draw) for draw in plan.draws), fading=(), mix=1.0)
+
+
+class Streets:
+    """What a viewer walks on and against in a scene, and where its nearest street is."""
+
+    def __init__(self, scene: WalkScene) -> None:
+        self._scene = scene
+        self.walls: Walls = walls_of(scene.dataset.city())
+
+    def ground(self, point: tuple[float, float]) -> float:
+        """The height of the ground, metres."""
+        terrain = self._scene.terrain
+        return self._scene.ground_height if terrain is None else float(terrain.at(point))
+
+    def slide(self, start: tuple[float, float], end: tuple[float, float]) -> tuple[float, float]:
+        """Where somebody comes to that goes from ``start`` towards ``end``."""
+        return self.walls.slide(start, end)
+
+    def freed(self, point: tuple[float, float]) -> tuple[float, float]:
+        """The point, or where it is within a building the nearest place outside."""
+        return self.walls.freed(point)
+
+    def start(self) -> Pose:
+        """Where a viewer begins: in the middle of the dataset's cells, on a street, looking along it."""
+        cells = self._scene.whereabouts.cells
+        middles = np.array([[0.5 * (a + b) for a, b in zip(cell.p, cell.q, strict=True)] for cell in cells])
+        place = int(np.argmin(np.hypot(*(middles - np.median(middles, axis=0)).T)))
+        cell, (x, y) = cells[place], middles[place].tolist()
+        azimuth = math.atan2(cell.q[1] - cell.p[1], cell.q[0] - cell.p[0])
+        return Pose((x, y, self.ground((x, y)) + EYE_HEIGHT), azimuth, 0.0)
+
+    def nearest_place(self, point: tuple[float, float]) -> tuple[float, float]:
+        """The nearest place to ``point`` on the axis of a cell."""
+        cells = self._scene.whereabouts.cells
+        p, q = np.array([cell.p for cell in cells]), np.array([cell.q for cell in cells])
+        along = q - p
+        t = np.clip(((np.array(point) - p) * along).sum(axis=1) / (along * along).sum(axis=1), 0.0, 1.0)
+        places = p + t[:, None] * along
+        x, y = places[int(np.argmin(np.hypot(*(places - np.array(point)).T)))].tolist()
+        return x, y
+
+
+def window_camera(camera: Camera, size: tuple[int, int]) -> Camera:
+    """The camera of a window of ``size``: with the vertical field of view of the dataset's ``camera``."""
+    width, height = size
+    focal = camera.focal * height / camera.height
+    return Camera(width, height, 2.0 * math.atan(0.5 * width / focal))
