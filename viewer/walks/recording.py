@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from viewer.walks.walk import Keyframe, Pose, Walk
+from mmi.walks.walk import Keyframe, Pose, Walk
 
 __all__ = ["Playing", "Recording"]
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.json_forms import json_number, json_object, shown
-from viewer.walks.walk import Pose, Walk, walk_from
+from mmi.walks.walk import Pose, Walk, walk_from
 
 __all__ = [
     "LARGEST_SIZE",

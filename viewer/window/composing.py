@@ -1,29 +1,38 @@
-"""Drawn pictures as the one that is shown: which part of the window each takes, and what two of them come to.
+"""A session's pictures: the techniques that it compares, each with its frame loop, and what they come to in one picture.
 
-panels       what has to be drawn for a look, and where in the window it goes
-difference   by how much two pictures differ
-wrong        where a picture shows another object than the geometry does
+panels     what has to be drawn for a look, and where in the window it goes
+Pictures   draws that, and puts it together: side by side, under a swipe, in turns, or as a difference
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+import time as clock
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from viewer.measuring.view_errors import WrongRegions
+from mmi.walks.walk import Pose
+from viewer.drawing.drawn_picture import DrawnPicture
+from viewer.measuring.view_errors import WrongRegions, wrong_regions
+from viewer.plan import CellLayers, Objects, Plan, Relief
+from viewer.runtime.loop import Frame, FrameLoop
+from viewer.techniques.catalogue import REFERENCE, find_technique, make_technique
 from viewer.window.look import Look
+from viewer.window.palettes import WRONG, depth_picture, difference_picture, objects_picture, wrong_picture
+from viewer.window.stage import Painting, Stage, window_camera
 
-__all__ = ["BLINK", "Panel", "depth_picture", "difference", "objects_picture", "panels", "thick", "wrong"]
+__all__ = ["BLINK", "Panel", "Pictures", "Seen", "panels", "thick"]
 
 BLINK = 0.5
 """Seconds that a blinking picture shows each technique."""
-_GAIN = 4
-"""By how much differences are brightened."""
-_THIN, _WRONG, _HOLE = (225, 205, 90), (235, 60, 40), (60, 130, 255)
-_FARTHEST = 1500.0
+_TURNS = 1e-3
+"""Seconds after which other threads may take the interpreter from a frame: a window answers while it draws."""
+_SETTLED = 3
+"""A view is settled when it was drawn so many times without anything being captured for it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,13 +68,159 @@ def panels(look: Look, size: tuple[int, int], *, blinked: bool = False) -> tuple
             return (Panel(right, 0, width),)
 
 
-def difference(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """By how much two pictures (h, w, 3) differ, brightened: black where they are equal."""
-    away = np.maximum(a, b)
-    away -= np.minimum(a, b)
-    np.minimum(away, 255 // _GAIN, out=away)
-    away *= _GAIN
-    return away
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """From where a picture is drawn: ``pose`` at ``time`` (seconds), in a window of ``size``.
+
+    ``frozen`` is where the impostors' plan is held, if it is; ``inside``: impostors are meant to be seen from here. ``cut``:
+    the viewer was put here. ``blinked``: it is the left technique's turn.
+    """
+
+    pose: Pose
+    time: float
+    size: tuple[int, int]
+    frozen: Pose | None = None
+    inside: bool = True
+    cut: bool = False
+    blinked: bool = False
+
+
+@dataclass(slots=True, eq=False)
+class _Line:
+    """A technique as this session draws it."""
+
+    loop: FrameLoop
+    painting: Painting
+    share: str
+    quiet: int = 0
+    """Frames since anything was captured."""
+
+
+@dataclass(slots=True, eq=False)
+class Pictures:
+    """The pictures of one ``client``. ``drawn`` is what techniques drew in the last one, by the names that were asked for."""
+
+    client: str
+    stage: Stage
+    drawn: list[tuple[str, Frame]] = field(default_factory=list)
+    composing: float = 0.0
+    """Seconds of the last picture that went into putting it together."""
+    _lines: dict[str, _Line] = field(default_factory=dict)
+    _last: list[_Line] = field(default_factory=list)
+
+    @property
+    def settled(self) -> bool:
+        """Whether the last picture would be the same if it was drawn again."""
+        return all(line.quiet >= _SETTLED for line in self._last)
+
+    def unsettle(self) -> None:
+        """Something has changed, so that all is drawn anew."""
+        for line in self._lines.values():
+            line.quiet = 0
+
+    def close(self) -> None:
+        """Let go of what there is on the stage."""
+        for line in self._lines.values():
+            self.stage.forget(line.share)
+
+    def draw(self, look: Look, seen: Seen) -> NDArray[np.uint8]:
+        """The picture (h, w, 3) that ``look`` has of what is ``seen``. Raises what drawing raises."""
+        self.drawn, self._last, self.composing = [], [], 0.0
+        width, height = seen.size
+        if look.mode == "wrong":
+            return self._wrong(look, seen)
+        apart, measured = look.mode == "difference", look.show in ("depth", "objects")
+        picture = np.empty((height, width, 3), dtype=np.uint8)
+        pictures = []
+        for panel in panels(look, seen.size, blinked=seen.blinked):
+            into = np.empty_like(picture) if apart else picture[:, panel.first : panel.end]
+            drawn = self._draw(panel, None if measured else into, look, seen, measured=measured)
+            pictures.append(into)
+            start = clock.perf_counter()
+            if look.show == "depth" and drawn.depth is not None:
+                into[...] = depth_picture(drawn.depth)
+            elif look.show == "objects" and drawn.object_ids is not None:
+                into[...] = objects_picture(drawn.object_ids)
+            self.composing += clock.perf_counter() - start
+        if not apart:
+            return picture
+        start = clock.perf_counter()
+        picture = difference_picture(*pictures)
+        self.composing += clock.perf_counter() - start
+        return picture
+
+    def measured(self, technique: str, look: Look, seen: Seen) -> tuple[DrawnPicture, Plan]:
+        """A technique's measured picture of the whole window, and its plan; what is said of the last picture stays."""
+        drawn, last = self.drawn, self._last
+        self.drawn, self._last = [], []
+        try:
+            picture = self._draw(Panel(technique, 0, seen.size[0]), None, look, seen, measured=True)
+            return picture, self.drawn[-1][1].plan
+        finally:
+            self.drawn, self._last = drawn, last
+
+    def _wrong(self, look: Look, seen: Seen) -> NDArray[np.uint8]:
+        truth = self._draw(Panel(REFERENCE, 0, seen.size[0]), None, look, seen, measured=True)
+        shown = self._draw(Panel(look.right, 0, seen.size[0]), None, look, seen, measured=True)
+        start = clock.perf_counter()
+        found = wrong_regions(truth, shown)
+        kept = thick(found.wrong, self.threshold(look, seen.size))
+        picture = wrong_picture(shown.color, WrongRegions(kept, kept & found.holes))
+        thin = found.wrong & ~kept
+        picture[thin] = picture[thin] // 2 + np.array(WRONG, dtype=np.uint8) // 2
+        self.composing += clock.perf_counter() - start
+        return picture
+
+    def threshold(self, look: Look, size: tuple[int, int]) -> float:
+        """Pixels of a window that a wrong region must be thick to count."""
+        if look.threshold_px is not None:
+            return look.threshold_px
+        main = self.stage.main
+        return window_camera(main.camera, size).pixels_from_angle(main.parameters.max_angle)
+
+    def told(self) -> list[dict[str, Any]]:
+        """What is said of each technique's last picture."""
+        return [_told(name, frame) for name, frame in self.drawn]
+
+    def _draw(
+        self, panel: Panel, into: NDArray[np.uint8] | None, look: Look, seen: Seen, *, measured: bool
+    ) -> DrawnPicture:
+        name = panel.technique
+        if not seen.inside and find_technique(name).layered:
+            name = REFERENCE
+        line = self._line(name)
+        width, height = seen.size
+        size = (width, height) if panel.whole else (panel.end - panel.first, height)
+        camera = window_camera(self.stage.main.camera, size)
+        painting, loop = line.painting, line.loop
+        painting.size, painting.into, painting.measured = size, into, measured
+        painting.columns = (panel.first, panel.end) if panel.whole and panel.end - panel.first < width else None
+        held = seen.frozen if find_technique(name).layered else None
+        painting.flying = None if held is None else seen.pose.view(camera)
+        loop.camera = camera
+        loop.updates = math.inf if look.budget_ms is None else 1e-3 * look.budget_ms
+        frame = loop.frame(held or seen.pose, seen.time, cut=seen.cut, read=True)
+        line.quiet = 0 if frame.plan.requests or frame.plan.mix < 1.0 else line.quiet + 1
+        self._last.append(line)
+        self.drawn.append((panel.technique, frame))
+        return frame.picture
+
+    def _line(self, name: str) -> _Line:
+        if name not in self._lines:
+            share = f"{self.client} {name}"
+            painting = Painting(self.stage, self.stage.main)
+            technique = make_technique(name, self.stage.scenes, owner=share)
+            main = self.stage.main
+            loop = FrameLoop(
+                technique,
+                painting,
+                self.stage.share(share),
+                camera=main.camera,
+                costs=self.stage.costs,
+                turns=_TURNS,
+            )
+            self._lines[name] = _Line(loop, painting, share)
+        return self._lines[name]
 
 
 def thick(wrong: NDArray[np.bool_], pixels: float) -> NDArray[np.bool_]:
@@ -80,28 +235,27 @@ def thick(wrong: NDArray[np.bool_], pixels: float) -> NDArray[np.bool_]:
     return found
 
 
-def wrong(shown: NDArray[np.uint8], regions: WrongRegions, thick: WrongRegions) -> NDArray[np.uint8]:
-    """The picture (h, w, 3) in grey, and over it wrong pixels in yellow; those of ``thick`` regions in red, holes in blue."""
-    picture = np.repeat((shown.sum(axis=2, dtype=np.uint16) // 6 + 60).astype(np.uint8)[..., None], 3, axis=2)
-    picture[regions.wrong] = _THIN
-    picture[thick.wrong] = _WRONG
-    picture[thick.holes] = _HOLE
-    return picture
+def _told(name: str, frame: Frame) -> dict[str, Any]:
+    """What is said of a technique's picture."""
+    times, plan = frame.times, frame.plan
+    return {
+        "technique": name,
+        "triangles": times.triangles,
+        "draws": times.draws,
+        "ms": {
+            "plan": 1e3 * times.planning,
+            "requests": 1e3 * times.done.requests.seconds,
+            "draws": 1e3 * times.done.draws.seconds,
+            "loading": 1e3 * (times.loading + times.waiting + times.uploading),
+        },
+        **_counted(plan),
+    }
 
 
-def depth_picture(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Depths (h, w) in metres as grey: near is bright, the sky black; each step is a tenth more metres."""
-    with np.errstate(divide="ignore"):
-        grey = 255.0 * (1.0 - np.log(np.clip(depth, 1.0, None)) / np.log(_FARTHEST))
-    grey = np.clip(grey, 20.0, 255.0)
-    grey[~np.isfinite(depth)] = 0.0
-    return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
-
-
-def objects_picture(ids: NDArray[np.int32]) -> NDArray[np.uint8]:
-    """Object ids (h, w) as colours, each its own; ground and sky are dark."""
-    mixed = (ids.astype(np.int64) + 3) * 2_654_435_761 % (1 << 32)
-    picture = np.stack([(mixed >> shift & 0x7F) + 96 for shift in (5, 13, 21)], axis=-1).astype(np.uint8)
-    picture[ids == -1] = (24, 26, 34)
-    picture[ids == -2] = (52, 54, 56)
-    return picture
+def _counted(plan: Plan) -> dict[str, int]:
+    """How many layers are drawn as they are stored, are captured now, and were captured before; and near objects."""
+    stored = sum(len(draw.names) for draw in plan.draws if isinstance(draw, CellLayers))
+    reliefs = sum(len(draw.parts) for draw in plan.draws if isinstance(draw, Relief))
+    captured = len(plan.requests)
+    near = sum(len(draw.objects) for draw in plan.draws if isinstance(draw, Objects))
+    return {"stored": stored, "captured": captured, "reused": max(reliefs - captured, 0), "near": near}

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from viewer.walks.walk import Pose
+from mmi.walks.walk import Pose
 from viewer.window.commands import Held
 
 __all__ = ["EYE_HEIGHT", "LONGEST", "STEEPEST", "Surface", "Walker", "moved"]

@@ -14,17 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mmi.cells.whereabouts import HYSTERESIS
 from mmi.foundation.camera import Camera, View
 from mmi.foundation.errors import ParameterError
-from viewer.scene.whereabouts import HYSTERESIS
+from mmi.walks.walk import Pose, Walk, walk_document
 from viewer.walks.recording import Playing, Recording
 from viewer.walks.tour import tour
-from viewer.walks.walk import Pose, Walk, walk_document
 from viewer.window.commands import GoTo, PutAt, WalkCommand
-from viewer.window.composing import BLINK
+from viewer.window.composing import BLINK, Pictures, Seen
 from viewer.window.mailbox import Mail
 from viewer.window.motion import EYE_HEIGHT, LONGEST, Walker, moved
-from viewer.window.pictures import Pictures, Seen
 from viewer.window.stage import Stage, Streets, window_camera
 
 __all__ = ["Session", "ShownFrame"]

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.foundation.camera import Camera, View
+from mmi.walks.walk import Pose
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
@@ -23,7 +24,6 @@ from viewer.runtime.calibration import calibrated
 from viewer.scene.scene import WalkScene
 from viewer.scene.walls import Walls, walls_of
 from viewer.techniques.catalogue import MAIN
-from viewer.walks.walk import Pose
 from viewer.window.motion import EYE_HEIGHT
 
 __all__ = ["Painting", "Share", "Stage", "Streets", "window_camera"]
@@ -123,6 +123,11 @@ class Painting:
     into: NDArray[np.uint8] | None = None
     measured: bool = False
     flying: View | None = None
+
+    def prepare(self, plan: Plan, view: View) -> float:
+        """See :meth:`viewer.drawing.renderer.Renderer.prepare`."""
+        self.stage.renderer.resize(self.size)
+        return self.stage.renderer.prepare(plan, view)
 
     def draw(self, plan: Plan, view: View, *, read: bool = True) -> DrawnPicture:
         """Draw ``plan``."""
