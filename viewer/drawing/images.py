@@ -21,6 +21,8 @@ __all__ = ["CapturedPixels", "Image", "Images"]
 
 _SPARE = 4 << 20
 """Texels of dropped images that are kept for others at most."""
+_TEXEL = 16
+"""Bytes of a texel of an image."""
 _STEP = 64
 """Images have room for sizes that are whole multiples of this, so that sizes that change a little need no new room."""
 
@@ -71,6 +73,16 @@ class Images:
         self._spare.append(self._images.pop(key)[1])
         while sum(one.room[0] * one.room[1] for one in self._spare) > _SPARE:
             self._spare.pop(0).release()
+
+    def of(self, owner: str) -> tuple[ImageKey, ...]:
+        """The images that somebody has."""
+        return tuple(key for key in (*self._images, *self._begun) if key.owner == owner)
+
+    def bytes(self, owner: str) -> int:
+        """What somebody's images take: colour, depth, ids and a depth buffer, of 4 bytes a texel each."""
+        return sum(
+            _TEXEL * image.room[0] * image.room[1] for key, (_, image) in self._images.items() if key.owner == owner
+        )
 
     def reserve(self, key: ImageKey, size: tuple[int, int]) -> bool:
         """Make room for an image of ``size`` (width, height) that holds nothing, where there is none of that size.

@@ -248,6 +248,16 @@ class Renderer:
         with self._context:
             return self._images.read(key)
 
+    def image_bytes(self, owner: str) -> int:
+        """Bytes of all images of an owner."""
+        return self._images.bytes(owner)
+
+    def forget(self, owner: str) -> None:
+        """Drop all images of an owner, whose viewer has left."""
+        with self._context:
+            for key in self._images.of(owner):
+                self._images.drop(key)
+
     def _execute(self, plan: Plan) -> Work:
         for key in plan.drops:
             self._images.drop(key)

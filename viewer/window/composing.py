@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import math
 import time as clock
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from mmi.foundation.camera import View
+from mmi.foundation.errors import ParameterError
 from mmi.walks.walk import Pose
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.measuring.view_errors import WrongRegions, wrong_regions
@@ -149,15 +151,27 @@ class Pictures:
         self.composing += clock.perf_counter() - start
         return picture
 
-    def measured(self, technique: str, look: Look, seen: Seen) -> tuple[DrawnPicture, Plan]:
-        """A technique's measured picture of the whole window, and its plan; what is said of the last picture stays."""
+    def measured_at(self, look: Look, seen: Seen, x: int) -> tuple[Frame, View, int]:
+        """The measured picture that column ``x`` of the window is of: its frame, the view that it was drawn from, and the
+        column in it. What is said of the last picture stays. Raises ParameterError for a column outside of the window.
+        """
+        if not 0 <= x < seen.size[0]:
+            raise ParameterError(f"a column of a window {seen.size[0]} pixels wide expected, found {x}")
+        shown = Look(right=look.right, mode="one") if look.mode == "wrong" else look
+        panel = [one for one in panels(shown, seen.size, blinked=seen.blinked) if one.first <= x < one.end][-1]
+        width = seen.size[0] if panel.whole else panel.end - panel.first
         drawn, last = self.drawn, self._last
         self.drawn, self._last = [], []
         try:
-            picture = self._draw(Panel(technique, 0, seen.size[0]), None, look, seen, measured=True)
-            return picture, self.drawn[-1][1].plan
+            whole = Panel(panel.technique, 0, width)
+            self._draw(
+                whole, None, Look(budget_ms=look.budget_ms), replace(seen, size=(width, seen.size[1])), measured=True
+            )
+            frame = self.drawn[-1][1]
         finally:
             self.drawn, self._last = drawn, last
+        view = seen.pose.view(window_camera(self.stage.main.camera, (width, seen.size[1])))
+        return frame, view, x if panel.whole else x - panel.first
 
     def _wrong(self, look: Look, seen: Seen) -> NDArray[np.uint8]:
         truth = self._draw(Panel(REFERENCE, 0, seen.size[0]), None, look, seen, measured=True)
@@ -180,7 +194,11 @@ class Pictures:
 
     def told(self) -> list[dict[str, Any]]:
         """What is said of each technique's last picture."""
-        return [_told(name, frame) for name, frame in self.drawn]
+        found = []
+        for line, (name, frame) in zip(self._last, self.drawn, strict=True):
+            megabytes = 1e-6 * self.stage.bytes_of(frame.plan, line.share)
+            found.append(_told(name, frame) | {"memory_mb": round(megabytes, 3)})
+        return found
 
     def _draw(
         self, panel: Panel, into: NDArray[np.uint8] | None, look: Look, seen: Seen, *, measured: bool
@@ -195,7 +213,10 @@ class Pictures:
         painting, loop = line.painting, line.loop
         painting.size, painting.into, painting.measured = size, into, measured
         painting.columns = (panel.first, panel.end) if panel.whole and panel.end - panel.first < width else None
-        held = seen.frozen if find_technique(name).layered else None
+        layered = find_technique(name).layered
+        painting.tint, painting.wireframe = look.show == "layers", look.wireframe
+        painting.layer = look.layer if layered else None
+        held = seen.frozen if layered else None
         painting.flying = None if held is None else seen.pose.view(camera)
         loop.camera = camera
         loop.updates = math.inf if look.budget_ms is None else 1e-3 * look.budget_ms

@@ -18,8 +18,8 @@ from mmi.cells.whereabouts import HYSTERESIS
 from mmi.foundation.camera import Camera, View
 from mmi.foundation.errors import ParameterError
 from mmi.walks.walk import Pose, Walk, walk_document
+from viewer.runtime.loop import Frame
 from viewer.walks.recording import Playing, Recording
-from viewer.walks.tour import tour
 from viewer.window.commands import GoTo, PutAt, WalkCommand
 from viewer.window.composing import BLINK, Pictures, Seen
 from viewer.window.mailbox import Mail
@@ -28,6 +28,8 @@ from viewer.window.stage import Stage, Streets, window_camera
 
 __all__ = ["Session", "ShownFrame"]
 
+_TOUR = 600.0
+"""Metres of a tour."""
 _ABOVE = 1.0
 """Metres above and below a cell's eyes at which a viewer counts as outside of it."""
 _FIRST = 1.0 / 60.0
@@ -56,6 +58,8 @@ class Session:
     playing: Playing | None = None
     recording: Recording | None = None
     recorded: Walk | None = None
+    last: ShownFrame | None = None
+    """What was shown last."""
     number: int = 0
     failed: bool = False
     pictures: Pictures = field(init=False)
@@ -102,8 +106,8 @@ class Session:
         self._take(mail)
         self._pass_time(mail, now)
         look, size = self.mail.look, self.mail.size
-        inside, jumped = self.inside, self._jumped
-        seen = Seen(self.walker.pose, self._now, size, self.frozen, inside, jumped, self._blinked)
+        seen = self._seen()
+        inside = seen.inside
         picture = self.pictures.draw(look, seen)
         self._jumped = False
         frames, composing = self.pictures.drawn, self.pictures.composing
@@ -112,6 +116,9 @@ class Session:
         self._shown_still = self._still
         self.failed = False
         drawing = sum(one.times.drawing for _, one in frames)
+        other = composing + sum(
+            one.times.planning + one.times.loading + one.times.waiting + one.times.uploading for _, one in frames
+        )
         pose = self.walker.pose
         header = {
             "frame": self.number,
@@ -125,7 +132,7 @@ class Session:
             "views": self.pictures.told(),
             "ms": {
                 "render": 1e3 * drawing,
-                "read": 1e3 * (clock.perf_counter() - start - drawing - composing),
+                "read": 1e3 * max(clock.perf_counter() - start - drawing - other, 0.0),
                 "compose": 1e3 * composing,
             },
             "budget_ms": look.budget_ms,
@@ -135,7 +142,15 @@ class Session:
             "worst": None,
         }
         picture.setflags(write=False)
-        return ShownFrame(picture, header)
+        self.last = ShownFrame(picture, header)
+        return self.last
+
+    def measured_at(self, x: int) -> tuple[Frame, View, int]:
+        """See :meth:`viewer.window.composing.Pictures.measured_at`."""
+        return self.pictures.measured_at(self.mail.look, self._seen(), x)
+
+    def _seen(self) -> Seen:
+        return Seen(self.walker.pose, self._now, self.mail.size, self.frozen, self.inside, self._jumped, self._blinked)
 
     @property
     def inside(self) -> bool:
@@ -173,7 +188,7 @@ class Session:
                     return {"type": "walk", "walk": None if self.recorded is None else walk_document(self.recorded)}
                 return {"type": "walk", "walk": None}
             case "tour":
-                self.play(self.tour(), "tour")
+                self.play(self.streets.tour(_TOUR), "tour")
             case _:
                 walk = command.walk or self.recorded
                 if walk is None:
@@ -185,12 +200,6 @@ class Session:
         """Play a walk from its beginning on."""
         self.playing = Playing(walk, kind)
         self._put(self.playing.pose)
-
-    def tour(self) -> Walk:
-        """A walk along the streets of the dataset."""
-        cells = self.stage.main.whereabouts.cells
-        neighbours = {one.id: one.neighbours for one in self.stage.main.dataset.manifest.cells}
-        return tour(cells, neighbours, metres=600.0, speed=4.0)
 
     def close(self) -> None:
         """Let go of what the session has on the stage."""
@@ -209,7 +218,7 @@ class Session:
     def _pass_time(self, mail: Mail, now: float) -> None:
         """Move the walker by the time since the last frame."""
         active = self.number == 0 or not self._still or not mail.held.nothing or mail.turned != (0.0, 0.0)
-        seconds = _FIRST if self._last is None else min(now - self._last, LONGEST)
+        seconds = 0.0 if self._last is None else min(now - self._last, LONGEST)
         if self._still and active:  # it stood, and nobody looked at the clock
             seconds = min(seconds, _FIRST)
         self._last = now
@@ -260,7 +269,3 @@ class Session:
     def _cell(self) -> str:
         eye = np.array(self.walker.pose.eye)
         return self.stage.main.whereabouts.cell_at(eye, current=None)
-
-    def view(self) -> View:
-        """What the window sees now."""
-        return self.walker.pose.view(self.camera)

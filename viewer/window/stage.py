@@ -15,18 +15,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.foundation.camera import Camera, View
-from mmi.walks.walk import Pose
-from viewer.cells.scene_cache import cell_cache
+from mmi.walks.walk import Pose, Walk
+from viewer.cells.scene_cache import cell_cache, foretold_bytes
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
-from viewer.plan import CellKey, CellLayers, Costs, Draw, Ground, Plan
+from viewer.drawing.style import Style, layer_names
+from viewer.plan import CellKey, CellLayers, Costs, Draw, Ground, Objects, Plan, Relief
 from viewer.runtime.calibration import calibrated
 from viewer.scene.scene import WalkScene
 from viewer.scene.walls import Walls, walls_of
 from viewer.techniques.catalogue import MAIN
+from viewer.walks.tour import tour
 from viewer.window.motion import EYE_HEIGHT
 
 __all__ = ["Painting", "Share", "Stage", "Streets", "window_camera"]
+
+_SPEED = 4.0
+"""Metres a second of a tour."""
 
 
 class Stage:
@@ -37,6 +42,10 @@ class Stage:
         self.main = scenes[MAIN]
         self._capacity, self._samples = capacity, samples
         self._stack = ExitStack()
+        mesh = self.main.mesh
+        kept = mesh.positions.nbytes + mesh.uv.nbytes + mesh.colors.nbytes + mesh.triangles.nbytes
+        self._triangle_bytes = kept / max(len(mesh.triangles), 1)
+        self._sizes: dict[CellKey, int] = {}
         self._wants: dict[str, tuple[tuple[CellKey, ...], tuple[CellKey, ...]]] = {}
 
     def __enter__(self) -> Stage:
@@ -84,8 +93,24 @@ class Stage:
         )
 
     def forget(self, name: str) -> None:
-        """A share wants nothing any more."""
+        """A share wants nothing any more, and images that were captured for it go."""
         self._wants.pop(name, None)
+        self.renderer.forget(name)
+
+    def bytes_of(self, plan: Plan, share: str) -> int:
+        """What a share's ``plan`` needs in memory: its objects' part of the city's meshes, its cells, and its images."""
+        counts = self.main.mesh.triangle_counts
+        drawn = sum(int(counts[draw.objects].sum()) for draw in plan.draws if isinstance(draw, Objects))
+        return (
+            round(drawn * self._triangle_bytes)
+            + sum(map(self._cell_bytes, plan.cells))
+            + self.renderer.image_bytes(share)
+        )
+
+    def _cell_bytes(self, key: CellKey) -> int:
+        if key not in self._sizes:
+            self._sizes[key] = foretold_bytes(self.scenes[key.dataset].dataset, key.cell, measured=False)
+        return self._sizes[key]
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +138,8 @@ class Painting:
     """How a session's next picture is drawn: a painter for a frame loop, told before each frame what it is to be.
 
     ``size`` of the whole picture, of which ``columns`` are drawn, ``into`` an array where one is given. ``flying`` is a view
-    to draw from instead of that which the plan was made for; then all layers of a cell are drawn.
+    to draw from instead of that which the plan was made for; then all layers of a cell are drawn. ``tint``, ``wireframe`` and
+    the only ``layer`` that is drawn, by its index, are the style.
     """
 
     stage: Stage
@@ -123,6 +149,9 @@ class Painting:
     into: NDArray[np.uint8] | None = None
     measured: bool = False
     flying: View | None = None
+    tint: bool = False
+    wireframe: bool = False
+    layer: int | None = None
 
     def prepare(self, plan: Plan, view: View) -> float:
         """See :meth:`viewer.drawing.renderer.Renderer.prepare`."""
@@ -136,8 +165,21 @@ class Painting:
         if self.flying is not None:
             plan, view = self._seen_from(plan, self.flying), self.flying
         return renderer.draw(
-            plan, view, measured=self.measured, read=read, columns=self.columns, into=self.into if read else None
+            plan,
+            view,
+            measured=self.measured,
+            read=read,
+            style=Style(self.tint, self._alone(plan), self.wireframe),
+            columns=self.columns,
+            into=self.into if read else None,
         )
+
+    def _alone(self, plan: Plan) -> frozenset[str] | None:
+        """The names of the only layer that is drawn, None for all."""
+        if self.layer is None:
+            return None
+        names = [name for key in plan.cells for name in self.stage.scenes[key.dataset].cell(key.cell).layers]
+        return layer_names(names, self.layer)
 
     def _seen_from(self, plan: Plan, view: View) -> Plan:
         """What is drawn of a plan by somebody who left the place that it was made for."""
@@ -149,7 +191,7 @@ class Painting:
                 case CellLayers():
                     scene = self.stage.scenes[draw.cell.dataset]
                     drawn = set(draw.names)
-                    captured = plan.requests or any(type(one).__name__ == "Relief" for one in plan.draws)
+                    captured = any(isinstance(one, Relief) for one in plan.draws)
                     names = scene.cell(draw.cell.cell).layers
                     return replace(draw, names=tuple(name for name in names if name in drawn or not captured))
                 case _:
@@ -186,6 +228,12 @@ class Streets:
         cell, (x, y) = cells[place], middles[place].tolist()
         azimuth = math.atan2(cell.q[1] - cell.p[1], cell.q[0] - cell.p[0])
         return Pose((x, y, self.ground((x, y)) + EYE_HEIGHT), azimuth, 0.0)
+
+    def tour(self, metres: float) -> Walk:
+        """A walk along the streets of the dataset."""
+        cells = self._scene.whereabouts.cells
+        neighbours = {one.id: one.neighbours for one in self._scene.dataset.manifest.cells}
+        return tour(cells, neighbours, metres=metres, speed=_SPEED)
 
     def nearest_place(self, point: tuple[float, float]) -> tuple[float, float]:
         """The nearest place to ``point`` on the axis of a cell."""

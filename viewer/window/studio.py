@@ -21,64 +21,42 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Any
 
 from mmi.dataset.reading import open_dataset
-from mmi.foundation.errors import DatasetError, MmiError, ParameterError
+from mmi.foundation.errors import DatasetError, ParameterError
 from viewer.scene.scene import WalkScene, open_scene
-from viewer.techniques.catalogue import MAIN, TECHNIQUES, find_technique
-from viewer.window.commands import Command, Size, WalkCommand
-from viewer.window.look import Look
+from viewer.techniques.catalogue import MAIN
+from viewer.window.commands import Command, Film, Save, WalkCommand
+from viewer.window.filming import Filming
 from viewer.window.mailbox import Mailbox
+from viewer.window.options import SINGLE, StudioClosedError, StudioFullError, StudioOptions
 from viewer.window.session import Session, ShownFrame
 from viewer.window.stage import Stage, Streets
 
 __all__ = ["Studio", "StudioClosedError", "StudioFullError", "StudioOptions"]
 
-_MOST_SESSIONS = 16
 _MOST_WAITING = 8
 """Futures of one client that wait for frames or answers at a time."""
-_SINGLE = "single-mesh"
+_FILMED = 150.0
+"""Metres of a tour that is filmed."""
+_TELLING = 10
+"""Frames of a film after which its client hears how far it is."""
 
 _Told = Callable[[int, int], None]
 """Is told (done, of all) while something takes longer, by the thread that draws."""
 
 
-class StudioFullError(ParameterError):
-    """As many clients as are drawn at once are there already."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Job:
+    """A film that a client has asked for."""
 
-
-class StudioClosedError(MmiError):
-    """The studio ends, or the client has left: nothing is drawn for it any more."""
-
-
-@dataclass(frozen=True, slots=True)
-class StudioOptions:
-    """How a studio works. Raises ParameterError for what has no meaning.
-
-    ``techniques`` that may be compared; at most ``sessions`` are drawn at once. ``cache`` bytes for cells in memory,
-    ``samples`` of multisampling, ``look`` what clients see at first. ``single_mesh`` is a dataset of the same city and
-    parameters, one layer a view, for the technique of that name.
-    """
-
-    techniques: tuple[str, ...] = tuple(name for name in TECHNIQUES if name != _SINGLE)
-    sessions: int = 4
-    cache: int = 512 << 20
-    samples: int = 0
-    look: Look = field(default_factory=Look)
-    single_mesh: Path | None = None
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.sessions <= _MOST_SESSIONS:
-            raise ParameterError(f"sessions: 1 to {_MOST_SESSIONS} expected, found {self.sessions!r}")
-        if not self.techniques:
-            raise ParameterError("techniques: one or more expected, found none")
-        names = [find_technique(name).name for name in self.techniques]
-        if self.single_mesh is not None and _SINGLE not in names:
-            object.__setattr__(self, "techniques", (*self.techniques, _SINGLE))
-        elif self.single_mesh is None and _SINGLE in names:
-            raise ParameterError(f"techniques: {_SINGLE} needs a dataset of its own, found none")
+    client: str
+    filming: Filming
+    future: Future[dict[str, Any]]
+    told: _Told | None
 
 
 @dataclass(slots=True, eq=False)
@@ -118,12 +96,16 @@ class Studio:
         self.scene: WalkScene = open_scene(found, name=MAIN)
         scenes = {MAIN: self.scene}
         if self.options.single_mesh is not None:
-            scenes[_SINGLE] = open_scene(open_dataset(self.options.single_mesh), name=_SINGLE, like=self.scene)
+            scenes[SINGLE] = open_scene(open_dataset(self.options.single_mesh), name=SINGLE, like=self.scene)
         self._streets = Streets(self.scene)
         self._stage = Stage(scenes, capacity=self.options.cache, samples=self.options.samples)
         self._lock = threading.Condition()
         self._seats: dict[str, _Seat] = {}
         self._gone: list[Session] = []
+        self._filming: _Job | None = None
+        self._films = 0
+        self._own_films: TemporaryDirectory[str] | None = None
+        self._film_next = False
         self._closed = False
         self._ready: Future[None] = Future()
         self._thread = threading.Thread(target=self._work, name="drawing", daemon=True)
@@ -139,8 +121,18 @@ class Studio:
     ) -> None:
         self.close()
 
+    @property
+    def films(self) -> Path:
+        """The folder that films are in."""
+        if self.options.films is not None:
+            return self.options.films
+        with self._lock:
+            if self._own_films is None:
+                self._own_films = TemporaryDirectory(prefix="view-impostors-")
+            return Path(self._own_films.name)
+
     def close(self) -> None:
-        """End the thread, and tell all who wait."""
+        """End the thread, and tell all who wait. Films of a folder of their own vanish."""
         with self._lock:
             self._closed = True
             self._lock.notify_all()
@@ -149,6 +141,8 @@ class Studio:
         for seat in self._seats.values():
             seat.abandon()
         self._seats.clear()
+        if self._own_films is not None:
+            self._own_films.cleanup()
 
     def about(self) -> dict[str, Any]:
         """What a page is told first."""
@@ -250,8 +244,12 @@ class Studio:
         try:
             with self._stage:
                 self._ready.set_result(None)
-                while self._turn():
-                    pass
+                try:
+                    while self._turn():
+                        pass
+                finally:
+                    if self._filming is not None:
+                        self._film()  # which gives it up
         except BaseException as error:
             if not self._ready.done():
                 self._ready.set_exception(error)
@@ -269,8 +267,8 @@ class Studio:
                 if self._closed:
                     return False
                 gone, self._gone = self._gone, []
-                found = self._next()
-                if gone or found is not None:
+                found = None if self._film_next and self._filming is not None else self._next()
+                if gone or found is not None or self._filming is not None:
                     break
                 self._lock.wait(self._patience())
             if found is not None:  # to the end of the queue: others come first now
@@ -278,7 +276,9 @@ class Studio:
                 answer = seat.answers.popleft() if seat.answers else None
         for session in gone:
             session.close()
+        self._film_next = found is not None  # a film and those who look on take turns
         if found is None:
+            self._film()
             return True
         try:
             if seat.session is None:
@@ -287,7 +287,7 @@ class Studio:
             self._fail(seat, error)
             return True
         if answer is not None:
-            _resolve(answer[1], lambda: self._answered(seat, answer[0]))
+            self._answer(found, seat, *answer)
         else:
             self._draw(seat)
         with self._lock:
@@ -337,25 +337,58 @@ class Studio:
         if waiting is not None:
             _refuse(waiting, error)
 
-    def _answered(self, seat: _Seat, command: Command) -> dict[str, Any]:
+    def _answer(
+        self, client: str, seat: _Seat, command: Command, future: Future[dict[str, Any]], told: _Told | None
+    ) -> None:
+        """Answer a command, now or, where that takes longer, later."""
         session = seat.session
-        assert session is not None
-        match command:
-            case WalkCommand():
-                return session.command(command)
-            case Size():
-                raise ParameterError("a command that has an answer expected")
-            case _:
-                raise ParameterError(f"a command that has an answer expected, found {type(command).__name__}")
+        if session is None or not future.set_running_or_notify_cancel():
+            return
+        try:
+            match command:
+                case WalkCommand():
+                    future.set_result(session.command(command))
+                case Save():
+                    shown = session.last or session.frame(seat.mailbox.take(), time.perf_counter())
+                    saved = ShownFrame(shown.picture, shown.header | {"saved": True})
+                    future.set_result({"type": "saved", "frame": saved})
+                case Film():
+                    self._begin_film(client, seat, future, told)
+                case _:
+                    raise ParameterError(f"a command that has an answer expected, found {type(command).__name__}")
+        except Exception as error:
+            future.set_exception(error)
 
+    def _begin_film(self, client: str, seat: _Seat, future: Future[dict[str, Any]], told: _Told | None) -> None:
+        if self._filming is not None:
+            raise ParameterError("one film at a time: one is being made already")
+        self._films += 1
+        path = self.films / f"{self.scene.dataset.path.name}-tour-{self._films}.mp4"
+        walk = self._streets.tour(_FILMED)
+        filming = Filming(client, self._stage, self._streets, seat.mailbox.peek(), walk, path)
+        self._filming = _Job(client, filming, future, told)
 
-def _resolve(future: Future[dict[str, Any]], make: Callable[[], dict[str, Any]]) -> None:
-    if not future.set_running_or_notify_cancel():
-        return
-    try:
-        future.set_result(make())
-    except Exception as error:
-        future.set_exception(error)
+    def _film(self) -> None:
+        """Go on with the film that is being made, if one is."""
+        job = self._filming
+        if job is None:
+            return
+        filming = job.filming
+        try:
+            with self._lock:
+                gone = self._closed or job.client not in self._seats
+            if gone:
+                raise StudioClosedError("nothing is filmed for this client any more")
+            more = filming.step()
+            if job.told is not None and (not more or filming.done % _TELLING == 0):
+                job.told(filming.done, filming.frames)
+            if not more:
+                self._filming = None
+                job.future.set_result({"type": "film", "url": f"/films/{filming.path.name}"})
+        except Exception as error:
+            self._filming = None
+            filming.abandon()
+            job.future.set_exception(error)
 
 
 def _refuse(future: Future[Any], error: Exception) -> None:

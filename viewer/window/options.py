@@ -1,0 +1,54 @@
+"""What a studio is told, checked once, and what it says when it draws nothing for a client."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mmi.foundation.errors import MmiError, ParameterError
+from viewer.techniques.catalogue import TECHNIQUES, find_technique
+from viewer.window.look import Look
+
+__all__ = ["SINGLE", "StudioClosedError", "StudioFullError", "StudioOptions"]
+
+SINGLE = "single-mesh"
+"""The technique that needs a dataset of its own."""
+_MOST_SESSIONS = 16
+
+
+class StudioFullError(ParameterError):
+    """As many clients as are drawn at once are there already."""
+
+
+class StudioClosedError(MmiError):
+    """The studio ends, or the client has left: nothing is drawn for it any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class StudioOptions:
+    """How a studio works. Raises ParameterError for what has no meaning.
+
+    ``techniques`` that may be compared; at most ``sessions`` are drawn at once. ``cache`` bytes for cells in memory,
+    ``samples`` of multisampling, ``look`` what clients see at first. ``single_mesh`` is a dataset of the same city and
+    parameters, one layer a view, for the technique of that name. Films go into the folder ``films``, or one of their own that
+    vanishes with the studio.
+    """
+
+    techniques: tuple[str, ...] = tuple(name for name in TECHNIQUES if name != SINGLE)
+    sessions: int = 4
+    cache: int = 512 << 20
+    samples: int = 0
+    look: Look = field(default_factory=Look)
+    single_mesh: Path | None = None
+    films: Path | None = None
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.sessions <= _MOST_SESSIONS:
+            raise ParameterError(f"sessions: 1 to {_MOST_SESSIONS} expected, found {self.sessions!r}")
+        if not self.techniques:
+            raise ParameterError("techniques: one or more expected, found none")
+        names = [find_technique(name).name for name in self.techniques]
+        if self.single_mesh is not None and SINGLE not in names:
+            object.__setattr__(self, "techniques", (*self.techniques, SINGLE))
+        elif self.single_mesh is None and SINGLE in names:
+            raise ParameterError(f"techniques: {SINGLE} needs a dataset of its own, found none")
