@@ -39,6 +39,7 @@ FLOORS = {
         "measuring runtime",
         "report",
         "window",
+        "serving",
         "programs",
     ),
 }

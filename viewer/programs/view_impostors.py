@@ -1,0 +1,96 @@
+"""The program ``view-impostors``, which shows a dataset in a browser. A mistake gets one line, and exit status 2."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import threading
+import webbrowser
+from collections.abc import Sequence
+from typing import NoReturn
+
+from mmi.foundation.errors import ParameterError
+from mmi.programs.command_line import Parser, names_option, path_option, run_program
+
+__all__ = ["view_impostors"]
+
+_EXAMPLE = """\
+examples:
+  view-impostors out/helsinki                          opens a page in your browser; Ctrl-C ends it
+  view-impostors out/helsinki --port 8080 --no-browser
+  view-impostors out/helsinki --techniques full,multi-mesh,my_module:my_technique
+  view-impostors out/helsinki --host 0.0.0.0           for other machines; prints the address with the token they need
+
+On another machine over SSH: start it there with --port 8080 --no-browser, run
+  ssh -L 8080:127.0.0.1:8080 THE_MACHINE
+here, and open http://127.0.0.1:8080/.
+"""
+
+
+def view_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
+    """``view-impostors OUT``: walk through a dataset, and compare techniques, in a browser's page."""
+    parser = Parser(
+        prog="view-impostors",
+        description="Walk through a dataset and compare what techniques draw, in a page of your browser: two of them side by "
+        "side or under a swipe, what differs, layers, wireframes, a map, frame times. The first line of output is the page's "
+        "address.",
+        epilog=_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("dataset", type=path_option, metavar="OUT", help="folder that build-impostors wrote")
+    parser.add_argument(
+        "--techniques",
+        type=names_option,
+        metavar="A,B,...",
+        help="what the page offers (default: all that the dataset has); package.module:function is a technique of your own",
+    )
+    parser.add_argument("--cache", type=float, default=512.0, metavar="MB", help="memory for cells (default: 512)")
+    server = parser.add_argument_group("the page")
+    server.add_argument(
+        "--host",
+        default="127.0.0.1",
+        metavar="NAME",
+        help="address to listen at (default: this machine only); any other demands a token, which is part of the address that "
+        "is printed",
+    )
+    server.add_argument("--port", type=int, default=0, metavar="N", help="port to listen at (default: any free one)")
+    server.add_argument(
+        "--token",
+        metavar="TEXT",
+        help="token that the page demands (default: none on this machine only, else a random one)",
+    )
+    server.add_argument("--no-browser", action="store_true", help="print the address and open no browser")
+    run_program(parser, arguments, _view, kept="the viewer was ended")
+
+
+def _view(options: argparse.Namespace) -> None:
+    if not 1.0 <= options.cache <= 1e6:
+        raise ParameterError(f"--cache: 1 to 1000000 MB expected, found {options.cache:g}")
+    try:
+        from viewer.serving.server import ServerOptions, serve
+    except ImportError as error:
+        raise ParameterError(
+            f'{error.name}: a package of the viewer expected; pip install "multi-mesh-impostors[viewer]" brings it'
+        ) from None
+    from viewer.window.studio import Studio, StudioOptions
+
+    try:
+        chosen = ServerOptions(host=options.host, port=options.port, token=options.token)
+    except ParameterError as error:
+        raise ParameterError(f"--{error}") from None
+    studio = Studio(options.dataset, StudioOptions(techniques=options.techniques, cache=round(1e6 * options.cache)))
+
+    def started(address: str) -> None:
+        print(address, flush=True)
+        print("Ctrl-C ends the viewer.", file=sys.stderr, flush=True)
+        if not options.no_browser and _has_screen():
+            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+
+    with studio:
+        serve(studio, chosen, started=started)
+
+
+def _has_screen() -> bool:
+    """Whether a browser can open a window here; without one, some would take over the terminal."""
+    return sys.platform in ("darwin", "win32") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

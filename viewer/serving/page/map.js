@@ -1,0 +1,217 @@
+// The map: footprints, cells, what is near and far where somebody stands, and the way that was walked. A click goes there.
+
+const LAYERS = ["#4e9bff", "#b48cff", "#3fd0c9", "#ff8fab", "#a3d65c", "#e0a84e", "#7fa7c9", "#d98cff"];
+const NEAR = "#ffffff", UNSEEN = "#3a4250", GROUND = "#171b21", STREET = "#272e38";
+const MOST_TRACE = 4000;
+
+export function map(box, canvas, key, { go }) {
+  let city = null, hello = null, header = null, trace = [], waiting = 0, picked = null;
+  let view = { x: 0, y: 0, scale: 1 };      // the middle, metres, and pixels a metre
+  let byHand = false;                        // moved or zoomed by hand: stays so until somebody walks on
+  let base = null;                           // footprints as they were drawn last, and for what
+
+  function wake() {
+    if (!waiting) waiting = requestAnimationFrame(draw);
+  }
+
+  function layout() {
+    const ratio = devicePixelRatio || 1;
+    const width = canvas.clientWidth, height = canvas.clientHeight;
+    if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+      canvas.width = Math.round(width * ratio);
+      canvas.height = Math.round(height * ratio);
+    }
+    return [width, height, ratio];
+  }
+
+  const toScreen = (x, y, width, height) => [width / 2 + (x - view.x) * view.scale, height / 2 - (y - view.y) * view.scale];
+
+  function draw() {
+    waiting = 0;
+    const [width, height, ratio] = layout();
+    if (!width || !height) return;
+    const pen = canvas.getContext("2d");
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    pen.fillStyle = GROUND;
+    pen.fillRect(0, 0, width, height);
+    const pose = header?.pose;
+    if (pose && !byHand) [view.x, view.y] = pose;
+    if (city) drawCity(pen, width, height);
+    drawTrace(pen, width, height);
+    if (pose) drawViewer(pen, pose, width, height);
+  }
+
+  function drawCity(pen, width, height) {
+    pen.lineCap = "round";
+    for (const cell of city.cells) {
+      const here = header && cell.id === header.cell;
+      pen.strokeStyle = here ? "#ffd166" : STREET;
+      pen.lineWidth = Math.max(here ? 4 : 2, 2 * cell.half_width * view.scale);
+      pen.beginPath();
+      pen.moveTo(...toScreen(...cell.axis[0], width, height));
+      pen.lineTo(...toScreen(...cell.axis[1], width, height));
+      pen.stroke();
+    }
+    for (const one of city.footprints) {
+      const [x0, y0, x1, y1] = one.box;
+      const [a, b] = toScreen(x0, y1, width, height), [c, d] = toScreen(x1, y0, width, height);
+      if (c < 0 || a > width || d < 0 || b > height) continue;
+      pen.fillStyle = color(one);
+      pen.fill(path(one), "evenodd");
+      if (picked === one.id) {
+        pen.strokeStyle = "#fff";
+        pen.lineWidth = 2;
+        pen.stroke(path(one));
+      }
+    }
+    function path(one) {
+      const found = new Path2D();
+      for (const ring of one.rings) {
+        ring.forEach(([x, y], i) => (i ? found.lineTo(...toScreen(x, y, width, height)) : found.moveTo(...toScreen(x, y, width, height))));
+        found.closePath();
+      }
+      return found;
+    }
+  }
+
+  function color(one) {
+    const cell = city.byCell.get(header?.cell);
+    if (!cell) return "#566070";
+    if (cell.near.has(one.id)) return NEAR;
+    const layer = cell.layers.get(one.id);
+    if (layer !== undefined) return LAYERS[layer % LAYERS.length];
+    return UNSEEN;
+  }
+
+  function drawTrace(pen, width, height) {
+    pen.strokeStyle = "#ff6b6b";
+    pen.lineWidth = 2;
+    pen.lineJoin = "round";
+    pen.beginPath();
+    trace.forEach(([x, y, cut], i) => {
+      const at = toScreen(x, y, width, height);
+      if (!i || cut) pen.moveTo(...at); else pen.lineTo(...at);
+    });
+    pen.stroke();
+  }
+
+  function drawViewer(pen, pose, width, height) {
+    const [x, y] = toScreen(pose[0], pose[1], width, height);
+    const half = (0.5 * (hello?.fov_degrees ?? 60) * Math.PI) / 180;
+    pen.fillStyle = "#ffffff38";
+    pen.beginPath();
+    pen.moveTo(x, y);
+    pen.arc(x, y, 46, -pose[3] - half, -pose[3] + half);
+    pen.closePath();
+    pen.fill();
+    pen.beginPath();
+    pen.arc(x, y, 5.5, 0, 2 * Math.PI);
+    pen.fillStyle = "#ff6b6b";
+    pen.fill();
+    pen.strokeStyle = "#fff";
+    pen.lineWidth = 2;
+    pen.stroke();
+  }
+
+  // ------------------------------------------------------------------------------------------------------- the mouse
+
+  let pressed = null;
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    pressed = { x: event.clientX, y: event.clientY, atX: view.x, atY: view.y, moved: false };
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    if (!pressed) return;
+    const [dx, dy] = [event.clientX - pressed.x, event.clientY - pressed.y];
+    if (!pressed.moved && Math.hypot(dx, dy) < 5) return;
+    pressed.moved = byHand = true;
+    view.x = pressed.atX - dx / view.scale;
+    view.y = pressed.atY + dy / view.scale;
+    wake();
+  });
+  canvas.addEventListener("pointerup", (event) => {
+    const one = pressed;
+    pressed = null;
+    if (!one || one.moved) return;
+    const bounds = canvas.getBoundingClientRect();
+    go(view.x + (event.clientX - bounds.left - bounds.width / 2) / view.scale, view.y - (event.clientY - bounds.top - bounds.height / 2) / view.scale);
+    byHand = false;
+  });
+  canvas.addEventListener("pointercancel", () => { pressed = null; });
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    zoom(Math.exp(-0.0015 * event.deltaY));
+  }, { passive: false });
+  canvas.addEventListener("keydown", (event) => {
+    if (event.key === "+" || event.key === "=") zoom(1.3);
+    else if (event.key === "-") zoom(1 / 1.3);
+    else return;
+    event.preventDefault();
+  });
+
+  function zoom(factor) {
+    view.scale = Math.max(0.02, Math.min(20, view.scale * factor));
+    wake();
+  }
+
+  new ResizeObserver(wake).observe(canvas);
+  box.querySelector("#map-grow").addEventListener("click", () => grow());
+
+  function grow() {
+    const large = box.classList.toggle("large");
+    zoom(large ? 1.6 : 1 / 1.6);
+    byHand = false;
+  }
+
+  function entry(fill, text) {
+    const one = document.createElement("span"), swatch = document.createElement("i");
+    swatch.style.background = fill;
+    one.append(swatch, text);
+    return one;
+  }
+
+  // ------------------------------------------------------------------------------------------------------ from outside
+
+  return {
+    hello(found) {
+      hello = found;
+      view.scale = 0.45;
+      trace = [];
+      wake();
+    },
+    city(reply) {
+      city = read(reply);
+      key.replaceChildren(entry("#ffd166", "cell that you are in"), entry(NEAR, "near: geometry"), ...LAYERS.slice(0, 3).map((fill, i) => entry(fill, `layer ${i}`)), entry(UNSEEN, "cannot be seen from here"), entry("#ff6b6b", "where you walked"));
+      wake();
+    },
+    frame(found) {
+      const before = header?.pose;
+      header = found;
+      const [x, y] = found.pose;
+      const last = trace[trace.length - 1];
+      if (!last || Math.hypot(x - last[0], y - last[1]) > 0.8) {
+        trace.push([x, y, Boolean(last) && Math.hypot(x - last[0], y - last[1]) > 25]);
+        if (trace.length > MOST_TRACE) trace.splice(0, MOST_TRACE / 4);
+        if (!pressed) byHand = false;
+      }
+      if (!before || before.some((value, i) => value !== found.pose[i])) wake();
+    },
+    picked(reply) {
+      picked = reply.id ?? null;
+      wake();
+    },
+    grow,
+    shrink() { if (box.classList.contains("large")) grow(); },
+  };
+}
+
+/** The city of a reply: footprints with their boxes, cells, and of each cell what is near and in which layer things are. */
+function read(reply) {
+  const footprints = (reply.footprints ?? []).map((one) => {
+    const xs = one.rings.flat().map(([x]) => x), ys = one.rings.flat().map(([, y]) => y);
+    return { ...one, box: [Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)] };
+  });
+  const cells = reply.cells ?? [];
+  const byCell = new Map(cells.map((cell) => [cell.id, { near: new Set(cell.near ?? []), layers: new Map(Object.entries(cell.layers ?? {})) }]));
+  return { footprints, cells, byCell };
+}
