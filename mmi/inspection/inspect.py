@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from matplotlib.figure import Figure
 
 from mmi.building.cell import capture_layers
+from mmi.building.planned_again import planned_again, prepared_again
 from mmi.capture.layer_values import Layer
 from mmi.dataset.cell_files import read_impostor
 from mmi.dataset.manifest import CellEntry
@@ -22,7 +23,7 @@ from mmi.foundation.errors import DatasetError, ParameterError
 from mmi.inspection.figures import PICTURE_FORMATS, counted, save
 from mmi.inspection.layer_sheets import dataset_histograms, layer_sheet
 from mmi.inspection.maps import birds_eye, event_graph_plot
-from mmi.planning.plan import CellPlan, PreparedCity, plan_cell, prepare_city
+from mmi.planning.plan import PreparedCity
 
 if TYPE_CHECKING:
     from mmi.capture.renderer import Capturer
@@ -102,15 +103,13 @@ def typical_cell(dataset: Dataset) -> str:
 def _cell_pictures(dataset: Dataset, entries: Sequence[CellEntry]) -> Iterator[tuple[str, Figure]]:
     """(name, figure) of every picture of the cells with these entries of the manifest, one after the other."""
     city = dataset.city()
-    try:
-        prepared = prepare_city(city, dataset.manifest.parameters)
-    except ParameterError as error:
-        raise _rebuild(dataset, str(error)) from error
+    prepared = prepared_again(dataset, city)
     parameters = prepared.parameters
     with _capturer(prepared) as capturer:
         for entry in entries:
             cell = entry.id
-            plan = _planned(dataset, prepared, entry, capturer)
+            identify = None if capturer is None else capturer.identify
+            plan = planned_again(dataset, prepared, entry, identify=identify)
             yield f"{cell}-map", birds_eye(city, plan)
             yield (
                 f"{cell}-graph",
@@ -130,23 +129,6 @@ def _cell_pictures(dataset: Dataset, entries: Sequence[CellEntry]) -> Iterator[t
                 number = counted(len({one.index for one in layers}), "layer")
                 title = f"cell {cell}{street}: {number} of sector {sector}, looking {looking}"
                 yield f"{cell}-sector-{sector}", layer_sheet(layers, title=title)
-
-
-def _planned(dataset: Dataset, prepared: PreparedCity, entry: CellEntry, capturer: Capturer | None) -> CellPlan:
-    """The plan that a cell was built from. Raises DatasetError where it is not the manifest's."""
-    cell, near, far = entry.viewing_cell, list(entry.near), list(entry.far)
-    stored = [(far[place], one.index) for _, one in entry.pictures for place in one.objects]
-    plan = plan_cell(prepared, cell, identify=None if capturer is None else capturer.identify)
-    names = [one.id for one in prepared.city.objects]
-    layer_of = {names[i]: index for index, members in enumerate(plan.layers) for i in members}
-    for what, found, expected in (
-        ("near objects", [names[i] for i in plan.selection.near], near),
-        ("far objects", [names[i] for i in plan.selection.far], far),
-        ("layers", [layer_of.get(name) for name, _ in stored], [index for _, index in stored]),
-    ):
-        if found != expected:
-            raise _rebuild(dataset, f"the {what} of cell {cell.id} are not those that this version finds")
-    return plan
 
 
 def _histograms(dataset: Dataset) -> Figure:
@@ -182,7 +164,3 @@ def _capturer(prepared: PreparedCity) -> Iterator[Capturer | None]:
 
     with Capturer(prepared.mesh) as capturer:
         yield capturer
-
-
-def _rebuild(dataset: Dataset, what: str) -> DatasetError:
-    return DatasetError(f"{dataset.path / 'manifest.json'}: {what}; run build-impostors again")

@@ -87,14 +87,15 @@ def landmark_factors(city: City, parameters: BuildParameters) -> dict[int, float
     return {i: factor for name, factor in parameters.landmarks for i in named[name]}
 
 
-def prepare_city(city: City, parameters: BuildParameters) -> PreparedCity:
+def prepare_city(city: City, parameters: BuildParameters, *, mesh: CityMesh | None = None) -> PreparedCity:
     """Prepare ``city``, whose long objects are cut already (:mod:`mmi.city.long_objects`), for planning and capturing its
     cells.
 
-    Raises ParameterError for a landmark that is not there.
+    ``mesh`` is the city's mesh where that is there already: for a detailed city, making it takes most of the time. Raises
+    ParameterError for a landmark that is not there.
     """
     landmarks = landmark_factors(city, parameters)
-    mesh, walls = build_city_mesh(city), walls_of(city)
+    mesh, walls = build_city_mesh(city) if mesh is None else mesh, walls_of(city)
     near_stage = function_of(parameters.chosen_near_stage)
     with blaming(parameters.chosen_near_stage, what="near stage"):
         near = near_stage(NearSettings(parameters, walls, mesh.triangle_counts, landmarks))

@@ -26,7 +26,9 @@ from mmi.visibility.selection import Extractor, Selection, chain
 from mmi.visibility.walls import Walls
 
 __all__ = [
+    "ALWAYS_NEAR",
     "NearSettings",
+    "cell_distances",
     "near_by_distance",
     "near_by_parallax",
     "near_by_slope",
@@ -35,7 +37,7 @@ __all__ = [
     "near_stage_by_parallax",
 ]
 
-_ALWAYS_NEAR = 4.0
+ALWAYS_NEAR = 4.0
 """Metres: what is closer to the cell than this is geometry whatever the triangle budget; a viewer could touch it."""
 
 
@@ -58,7 +60,7 @@ def near_stage_by_distance(settings: NearSettings) -> Extractor:
     if parameters.near_triangles is None:
         return chain(near_by_distance(parameters.near_distance), steep)
     budget = near_by_triangles(parameters.near_triangles, settings.triangle_counts)
-    return chain(budget, near_by_distance(_ALWAYS_NEAR), steep)
+    return chain(budget, near_by_distance(ALWAYS_NEAR), steep)
 
 
 def near_stage_by_parallax(settings: NearSettings) -> Extractor:
@@ -78,7 +80,7 @@ def near_by_distance(distance: float) -> Extractor:
         raise ParameterError(f"the near distance needs to be 0 m or more, found {distance!r}")
 
     def extract(selection: Selection) -> Selection:
-        return _with_near(selection, selection.objects[_distances(selection) <= distance])
+        return _with_near(selection, selection.objects[cell_distances(selection) <= distance])
 
     return extract
 
@@ -95,7 +97,7 @@ def near_by_slope(steepest: float) -> Extractor:
     def extract(selection: Selection) -> Selection:
         tops = np.array([selection.city.objects[i].top for i in selection.objects])
         rises = tops - selection.cell.eye[0]
-        return _with_near(selection, selection.objects[rises > steepest * _distances(selection)])
+        return _with_near(selection, selection.objects[rises > steepest * cell_distances(selection)])
 
     return extract
 
@@ -136,13 +138,13 @@ def near_by_triangles(budget: int, triangles: ArrayLike) -> Extractor:
             raise ValueError(
                 f"one triangle count per object expected ({len(selection.city.objects)}), found {counts.shape}"
             )
-        nearest = selection.objects[np.argsort(_distances(selection), kind="stable")]
+        nearest = selection.objects[np.argsort(cell_distances(selection), kind="stable")]
         return _with_near(selection, nearest[np.cumsum(counts[nearest]) <= budget])
 
     return extract
 
 
-def _distances(selection: Selection) -> NDArray[np.float64]:
+def cell_distances(selection: Selection) -> NDArray[np.float64]:
     """(n,) metres from each selected object's footprint to the cell's rectangle."""
     region = cell_region(selection.cell)
     footprints = [selection.city.objects[i].footprint for i in selection.objects]
