@@ -56,6 +56,7 @@ _OTHER_FORMATS = MappingProxyType(
         b'"CityObjects"': "CityJSON",
         b"CityModel": "CityGML",
         b"glTF": "glTF",
+        b'"Overpass API': "JSON of Overpass (ask it for XML, without [out:json])",
     }
 )
 

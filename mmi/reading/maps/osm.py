@@ -3,15 +3,12 @@
 Two passes over the file: relations first (which ways do they need?), then ways with the places of their nodes. Rings of
 multipolygons are joined here, by node id, because an extract cuts relations at its edge: rings that close are used, and
 what is missing is counted by reason, which an area assembler that only skips cannot tell. Files that an editor saved (JOSM)
-may hold new objects, whose ids are negative, and deleted ones.
+may hold new objects, whose ids are negative, and deleted ones; ways may bring the places of their nodes (Overpass).
 Tags: https://wiki.openstreetmap.org/wiki/Simple_3D_Buildings.
 """
 
 from __future__ import annotations
 
-import bz2
-import gzip
-import re
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -25,6 +22,7 @@ from shapely.geometry import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from mmi.foundation.errors import CityError
+from mmi.reading.maps.osm_text import OsmText, look_through
 from mmi.reading.raw_layers import BuildingLayer, RawBuilding, RawStreet, StreetLayer
 from mmi.reading.report import Ledger
 
@@ -38,10 +36,6 @@ _STREET_TAGS = (
     "highway", "name", "width", "lanes", "tunnel", "bridge", "layer", "covered", "indoor", "access", "foot", "motor_vehicle",
     "footway", "area",
 )  # fmt: skip
-# Elements of OpenStreetMap's XML with their attributes, and what an editor writes there.
-_ELEMENT = re.compile(rb"""<(way|relation)((?:\s+[\w:]+\s*=\s*(?:"[^"]*"|'[^']*'))+)\s*/?>""")
-_ID = re.compile(rb"""\sid=["'](-?\d+)["']""")
-_DELETE = re.compile(rb"""\saction=["']delete["']""")
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,11 +72,9 @@ def read_osm(path: Path, ledger: Ledger, *, buildings: bool, streets: bool) -> t
         CityError: the file cannot be read to its end.
     """
     try:
-        deleted = _deleted(path)
-        relations, members = _read_relations(path, ledger, deleted, buildings=buildings, streets=streets)
-        ways, raw_buildings, raw_streets = _read_ways(
-            path, ledger, members, deleted, buildings=buildings, streets=streets
-        )
+        text = look_through(path)
+        relations, members = _read_relations(text, ledger, buildings=buildings, streets=streets)
+        ways, raw_buildings, raw_streets = _read_ways(text, ledger, members, buildings=buildings, streets=streets)
     except (osmium.InvalidLocationError, RuntimeError, ValueError, EOFError, zlib.error) as error:
         # osmium has no class for all of its errors; what decompresses has others.
         raise CityError(f"{path}: expected OpenStreetMap XML or PBF, complete to its end; found: {error}") from error
@@ -107,9 +99,9 @@ def read_osm(path: Path, ledger: Ledger, *, buildings: bool, streets: bool) -> t
     )
 
 
-def _entities(path: Path, kind: Any, places: Any = None) -> Iterator[Any]:  # noqa: ANN401 (osmium's types)
+def _entities(text: OsmText, kind: Any, places: Any = None) -> Iterator[Any]:  # noqa: ANN401 (osmium's types)
     """The objects of a kind in the order of the file; ``places`` is a table of nodes that is filled and used meanwhile."""
-    processor = osmium.FileProcessor(str(path))
+    processor = osmium.FileProcessor(text.source)
     if places is not None:
         processor = processor.with_locations(places)
     yield from processor.with_filter(osmium.filter.EntityFilter(kind))
@@ -125,38 +117,29 @@ def _is_building(tags: Mapping[str, str]) -> bool:
     return "building" in tags or (tags.get("building:part") or "no") != "no"
 
 
-def _deleted(path: Path) -> frozenset[str]:
-    """``way/1`` and ``relation/2`` that an editor marked as deleted (XML only: PBF cannot say it)."""
-    suffix = path.suffix.lower()
-    if suffix == ".pbf":
-        return frozenset()
-    opener: Any = {".gz": gzip.open, ".bz2": bz2.open}.get(suffix, open)
-    with opener(path, "rb") as file:
-        tail, found = b"", False
-        while not found and (block := file.read(1 << 20)):
-            found = _DELETE.search(tail + block) is not None
-            tail = block[-64:]
-        if not found:
-            return frozenset()
-        file.seek(0)
-        elements = _ELEMENT.findall(file.read())
-    ids = ((kind, _ID.search(attributes)) for kind, attributes in elements if _DELETE.search(attributes))
-    return frozenset(f"{kind.decode()}/{int(id_.group(1))}" for kind, id_ in ids if id_ is not None)
-
-
-def _new_nodes(path: Path) -> dict[int, tuple[float, float]]:
+def _new_nodes(text: OsmText) -> dict[int, tuple[float, float]]:
     """(longitude, latitude) of nodes with negative ids, for which osmium's table of places has no room."""
-    nodes = (node for node in _entities(path, osmium.osm.NODE) if node.id < 0 and node.location.valid())
+    nodes = (node for node in _entities(text, osmium.osm.NODE) if node.id < 0 and node.location.valid())
     return {node.id: (node.location.lon, node.location.lat) for node in nodes}
 
 
+def _places_in_ways(text: OsmText) -> dict[int, tuple[float, float]]:
+    """(longitude, latitude) of nodes that ways tell themselves; looked for where one of the first hundred ways does."""
+    places: dict[int, tuple[float, float]] = {}
+    for count, way in enumerate(_entities(text, osmium.osm.WAY), 1):
+        places |= {node.ref: (node.location.lon, node.location.lat) for node in way.nodes if node.location.valid()}
+        if count == 100 and not places:
+            break
+    return places
+
+
 def _read_relations(
-    path: Path, ledger: Ledger, deleted: frozenset[str], *, buildings: bool, streets: bool
+    text: OsmText, ledger: Ledger, *, buildings: bool, streets: bool
 ) -> tuple[list[_Relation], frozenset[int]]:
     """Building relations that are areas, and the ids of all ways that they need."""
     relations: list[_Relation] = []
     members: set[int] = set()
-    for relation in _entities(path, osmium.osm.RELATION):
+    for relation in _entities(text, osmium.osm.RELATION):
         id_ = f"relation/{relation.id}"
         if streets and "highway" in relation.tags:
             ledger.note("read", "highways")
@@ -164,7 +147,7 @@ def _read_relations(
         if not buildings or not _is_building(relation.tags):
             continue
         ledger.note("read", "buildings" if "building" in relation.tags else "building parts")
-        if id_ in deleted:
+        if id_ in text.deleted:
             ledger.note("left out", "building: deleted in an editor", id_)
             continue
         kind = relation.tags.get("type", "")
@@ -182,10 +165,9 @@ def _read_relations(
 
 
 def _read_ways(
-    path: Path,
+    text: OsmText,
     ledger: Ledger,
     members: frozenset[int],
-    deleted: frozenset[str],
     *,
     buildings: bool,
     streets: bool,
@@ -196,10 +178,11 @@ def _read_ways(
     raw_streets: list[RawStreet] = []
     # A file may hold ways before nodes: fill the table of places first, then use it.
     places = osmium.index.create_map("flex_mem")
-    for _ in _entities(path, osmium.osm.NOTHING, places):
+    for _ in _entities(text, osmium.osm.NOTHING, places):
         pass
     new: dict[int, tuple[float, float]] | None = None
-    for way in _entities(path, osmium.osm.WAY, places):
+    own: dict[int, tuple[float, float]] | None = None
+    for way in _entities(text, osmium.osm.WAY, places):
         is_building = buildings and _is_building(way.tags)
         is_street = streets and "highway" in way.tags
         if not (is_building or is_street or way.id in members):
@@ -209,15 +192,18 @@ def _read_ways(
             ledger.note("read", "buildings" if "building" in way.tags else "building parts")
         if is_street:
             ledger.note("read", "highways")
-        if id_ in deleted:
+        if id_ in text.deleted:
             for kind, is_kind in (("building", is_building), ("street", is_street)):
                 ledger.note("left out", f"{kind}: deleted in an editor", id_, count=int(is_kind))
             continue
         refs = tuple(node.ref for node in way.nodes)
         located = tuple((node.location.lon, node.location.lat) if node.location.valid() else None for node in way.nodes)
         if refs and min(refs) < 0:
-            new = _new_nodes(path) if new is None else new
+            new = _new_nodes(text) if new is None else new
             located = tuple(new.get(ref, place) for ref, place in zip(refs, located, strict=True))
+        if None in located:
+            own = _places_in_ways(text) if own is None else own
+            located = tuple(place or own.get(ref) for ref, place in zip(refs, located, strict=True))
         found = _Way(refs, located)
         if way.id in members:
             ways[way.id] = found
@@ -232,6 +218,9 @@ def _read_ways(
 
 def _street_from_way(id_: str, way: _Way, tags: dict[str, str], ledger: Ledger) -> RawStreet | None:
     """The located stretches of a highway: split where nodes are missing, None if no two neighbours are known."""
+    if len(set(way.nodes)) < 2:
+        ledger.note("left out", "street: fewer than two points", id_)
+        return None
     runs: list[list[tuple[int, tuple[float, float]]]] = [[]]
     for node, place in zip(way.nodes, way.places, strict=True):
         if place is None:

@@ -8,7 +8,6 @@ import numpy as np
 import pyproj
 import pytest
 import shapely
-from cities import real
 from city_files import degrees, geojson
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -217,29 +216,3 @@ def test_names_of_coordinate_systems(text, code):
     if code is None:
         with pytest.raises(CityError, match=r"^a\.gml: srsName: an EPSG code expected.*--crs"):
             named_crs("a.gml: srsName", text, None)
-
-
-@pytest.mark.parametrize(
-    ("name", "crs"),
-    [
-        *(
-            (f"cityjson-compound-crs/{name}.city.json", "EPSG:25833")
-            for name in ("compurl", "curies", "plain", "plus", "urn")
-        ),
-        *((f"citygml-berlin-srs/{name}.gml", "EPSG:25833") for name in ("compound_urn", "compurl", "plus", "url")),
-        *((f"citygml-berlin-srs/{name}.gml", "EPSG:25833") for name in ("urlver", "versioned")),
-        ("citygml-berlin-srs/berlin.gml", "EPSG:3068"),
-    ],
-)
-def test_reported_names_of_coordinate_systems(name, crs):
-    city, _ = read_city(real("reports") / name)
-    assert city.crs == crs
-    assert len(city.objects) == 6
-
-
-@pytest.mark.parametrize("name", ["cityjson-compound-crs/vertical.city.json", "citygml-berlin-srs/adv.gml"])
-def test_reported_names_that_say_nothing_name_the_option(name):
-    path = real("reports") / name
-    with pytest.raises(CityError, match=r"an EPSG code expected, of a projected or geographic system.*--crs"):
-        read_city(path)
-    assert read_city(path, ReadOptions(crs="EPSG:25833"))[0].crs == "EPSG:25833"

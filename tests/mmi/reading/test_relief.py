@@ -13,8 +13,6 @@ from hypothesis import strategies as st
 
 from mmi.foundation.errors import CityError
 from mmi.reading.ground.relief import choose_spacing, read_relief_points, terrain_from_points, terrain_from_triangles
-from mmi.reading.read_city import read_city
-from mmi.reading.read_options import ReadOptions
 from mmi.reading.report import Ledger
 
 BOUNDS = (100.0, 200.0, 223.0, 290.0)
@@ -192,17 +190,6 @@ def test_the_lowest_and_the_highest_ground_are_no_voids(tmp_path, height):
     points, _ = read_relief_points(raster(tmp_path / "r.tif", np.full((2, 2), height), nodata=None), ledger)
     assert (points[:, 2] == height).all()
     assert ledger.count("left out") == 0
-
-
-@pytest.mark.parametrize(
-    ("name", "voids"),
-    [("good.tif", 0), ("small_void.tif", 4), ("void.tif", 320), ("void_declared.tif", 0), ("void.asc", 320)],
-)
-def test_reported_voids(name, voids):
-    folder = real("reports") / "dem-voids"
-    city, report = read_city(folder / "city.osm", ReadOptions(terrain=folder / name))
-    assert all(40.0 <= one.base <= 48.0 for one in city.objects)
-    assert sum(one.count for one in report.left_out if one.what == VOID.format("cell")) == voids
 
 
 def test_a_large_raster_is_decimated(tmp_path):

@@ -1,7 +1,6 @@
 """Exports of whole maps: land use is no building, rails and rivers are no streets, and all of it is counted."""
 
 import pytest
-from cities import real
 from city_files import geojson
 from shapely.geometry import LineString, box
 
@@ -111,28 +110,3 @@ def test_kinds_of_lines_in_one_column(tmp_path):
 def test_lines_without_any_road_are_refused_with_their_number(tmp_path):
     with pytest.raises(CityError, match=r"no streets: no line layer or highways in it \(2 others left out\)"):
         read(tmp_path, [house(0)], [line(0, railway="rail"), line(1, railway="tram")])
-
-
-@pytest.mark.parametrize("name", ["buildings.geojson", "mixed.geojson"])
-def test_reported_land_use(name):
-    folder = real("reports") / "gis-export-landuse"
-    streets = None if name == "mixed.geojson" else folder / "streets.geojson"
-    city, report = read_city(folder / name, ReadOptions(streets=streets))
-    assert len(city.objects) == 8
-    assert {one.top for one in city.objects} == {10.0}
-    assert city.streets.number_of_edges() == 1
-    assert left_out(report) == {"building: none (empty in the column building)": 3}
-
-
-@pytest.mark.parametrize(
-    ("name", "reasons"),
-    [
-        ("lines.geojson", ["railway", "waterway", "barrier", "power"]),
-        ("overture.geojson", ["rail", "water"]),
-    ],
-)
-def test_reported_rails_and_rivers(name, reasons):
-    folder = real("reports") / "gis-lines-rail-water"
-    city, report = read_city(folder / "buildings.geojson", ReadOptions(streets=folder / name))
-    assert [edge["kind"] for _, _, edge in city.streets.edges(data=True)] == ["residential"]
-    assert left_out(report) == {f"street: no road ({reason})": 1 for reason in reasons}

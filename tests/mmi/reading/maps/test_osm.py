@@ -5,7 +5,6 @@ from __future__ import annotations
 import gzip
 
 import pytest
-from cities import real
 from city_files import OsmFile
 from hypothesis import given
 from hypothesis import strategies as st
@@ -353,16 +352,6 @@ def test_a_compressed_file_that_is_cut_off_is_refused(tmp_path):
         read_city(path)
 
 
-@pytest.mark.parametrize(("name", "gone"), [("city", []), ("deleted", ["way/-1001"]), ("edited", ["way/1001"])])
-def test_reported_files_of_an_editor(name, gone):
-    city, report = read_city(real("reports") / f"josm-negative-ids/{name}.osm")
-    new = [one for one in city.objects if one.id == "way/-200"]
-    assert len(city.objects) == 8 - len(gone) + len(new)
-    assert [one.top for one in new] == ([25.0] if name == "edited" else [])
-    assert city.streets.number_of_edges() == 1
-    assert [example for one in report.left_out for example in one.examples] == gone
-
-
 @pytest.mark.parametrize(
     ("tags", "drive", "walk"),
     [
@@ -387,10 +376,3 @@ def test_the_tag_of_one_kind_of_traffic_goes_before_access(tags, drive, walk):
     }
     if tags.get("access") in {"no", "private"}:
         assert set(found.values()) <= {None, f"access={tags['access']}"}
-
-
-def test_reported_access_with_foot():
-    city, report = read_city(real("reports") / "walk-access-no-foot-yes/city.osm", ReadOptions(network="walk"))
-    names = {edge["name"] for _, _, edge in city.streets.edges(data=True)}
-    assert names == {"Precinct", "Park path", "Free"}
-    assert [(one.what, one.count) for one in report.left_out] == [("street: access=no", 1)]

@@ -11,10 +11,7 @@ import shapely
 from cities import real
 
 from mmi.foundation.errors import CityError
-from mmi.reading.maps.streets import refusal
 from mmi.reading.maps.sumo import is_sumo, read_sumo
-from mmi.reading.read_city import read_city
-from mmi.reading.read_options import ReadOptions
 from mmi.reading.report import Ledger
 
 HEAD = '<?xml version="1.0"?>\n<net version="1.9" xmlns:xsi="x" xsi:noNamespaceSchemaLocation="http://sumo.dlr.de/xsd/net_file.xsd">\n'
@@ -166,13 +163,3 @@ def test_kinds_of_streets_and_who_may_use_them(tmp_path, kind, permissions, high
     layer = read_sumo(write(tmp_path / "x.net.xml", HEAD + LOCAL + edge + BODY), ledger)
     assert streets(layer).get("x", None) is None if highway is None else streets(layer)["x"].tags["highway"] == highway
     assert ledger.count("left out") == 1 + (highway is None)  # the tram of BODY, too
-
-
-@pytest.mark.parametrize(("network", "ids"), [("drive", "abg"), ("walk", "abdfg")])
-def test_reported_kinds(network, ids):
-    folder = real("reports") / "sumo-compound-types"
-    lines = read_sumo(folder / "town.net.xml", Ledger())
-    used = [one.id for one in lines.items if refusal(one.tags, network, osm=False) is None]
-    assert used == list(ids)
-    city, _ = read_city(folder / "buildings.geojson", ReadOptions(streets=folder / "town.net.xml", network=network))
-    assert city.streets.number_of_edges() == len(ids)

@@ -8,7 +8,6 @@ import json
 import struct
 from dataclasses import replace
 
-import networkx as nx
 import numpy as np
 import pytest
 import trimesh
@@ -23,7 +22,6 @@ from mmi.reading.models.gltf_reader import read_gltf
 from mmi.reading.models.mesh_files import is_mesh, read_meshes, up_axis
 from mmi.reading.models.raw_meshes import joined_meshes
 from mmi.reading.models.triangle_soup import split_into_objects, welded
-from mmi.reading.read_city import read_city
 from mmi.reading.report import Ledger
 from mmi.writing.gltf_writer import write_glb
 
@@ -256,17 +254,6 @@ def test_lines_on_the_ground_are_streets_and_upright_ones_are_edges(tmp_path):
         with pytest.raises(CityError, match="no triangles"):
             read_gltf(write_gltf(tmp_path / "e.gltf", mode=mode, indices=order), ledger)
         assert ledger.count("noted", "lines that draw the edges of a model: no streets") == 1
-
-
-@pytest.mark.parametrize("name", ["edges", "edges_offset", "edges_separate"])
-def test_reported_edge_lines(name):
-    folder = real("reports") / "gltf-edge-lines"
-    (plain, _), (city, report) = (read_city(folder / f"{one}.gltf") for one in ("plain", name))
-    assert [one.id for one in city.objects] == [one.id for one in plain.objects] == [f"house{k}" for k in range(6)]
-    assert nx.utils.graphs_equal(city.streets, plain.streets)
-    assert [(one.what, one.count) for one in report.noted if "edges" in one.what] == [
-        ("lines that draw the edges of a model: no streets", 6)
-    ]
 
 
 def test_a_truncated_glb_says_so(tmp_path):

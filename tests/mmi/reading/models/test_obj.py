@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from cities import real
 from PIL import Image
 
 from mmi.city.model import PLAIN
@@ -116,19 +115,6 @@ def test_a_picture_whose_name_is_no_utf8_is_found(tmp_path):
     assert ledger.count("left out") == 0
 
 
-@pytest.mark.parametrize("name", ["utf8", "sjis", "gbk", "l1"])
-def test_reported_names(name):
-    layer = read_meshes(real("reports") / f"obj-shift-jis-names/{name}.obj", Ledger())
-    ids = [one.id for one in layer.items]
-    number = 4 if name == "l1" else 6
-    assert len(set(ids)) == len(ids) == number
-    assert all(one.encode("utf-8") for one in ids)
-    heights = [float(np.ptp(one.mesh.vertices[:, 2])) for one in layer.items]
-    assert all(10.0 <= height <= 20.0 for height in heights)
-    found = colours(layer)
-    assert [found.count(one) for one in sorted(set(found))] == [number // 2] * 2
-
-
 @pytest.mark.parametrize(
     ("line", "missing"),
     [
@@ -160,13 +146,6 @@ def test_mtl_files_outside_the_folder_are_refused(tmp_path):
         read_obj(path, Ledger())
 
 
-def test_reported_two_mtllibs():
-    layer = read_meshes(real("reports") / "obj-two-mtllibs/city.obj", Ledger())
-    assert len(layer.items) > 1
-    for one in layer.items:
-        assert set(map(tuple, one.mesh.colors.tolist())) == {(230, 230, 26), (26, 230, 230)}
-
-
 @pytest.mark.parametrize(
     ("white", "grey", "noted"),
     [
@@ -184,10 +163,3 @@ def test_colours_of_vertices_as_bytes_or_shares(tmp_path, white, grey, noted):
     (one,) = read_obj(path, ledger).items
     assert one.mesh.colors.tolist() == [[255, 255, 255], [51, 51, 51]]
     assert ledger.count("noted", "colours of vertices from 0 to 255 instead of 0 to 1") == noted
-
-
-def test_reported_colours():
-    folder = real("reports") / "obj-colours-255"
-    found = [read_meshes(folder / name, Ledger()).items for name in ("bytes.obj", "unit.obj")]
-    assert [one.mesh.colors.tolist() for one in found[0]] == [one.mesh.colors.tolist() for one in found[1]]
-    assert {tuple(one.mesh.colors[0].tolist()) for one in found[0]} == {(200, 40, 40), (40, 200, 40), (40, 40, 200)}

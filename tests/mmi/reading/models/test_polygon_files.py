@@ -5,14 +5,12 @@ import struct
 import numpy as np
 import pytest
 import trimesh
-from cities import real
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mmi.city.model import PAINTED, PLAIN
 from mmi.foundation.errors import CityError
 from mmi.reading.models.polygon_files import read_polygon_file
-from mmi.reading.read_city import read_city
 from mmi.reading.report import Ledger
 
 U = [(0, 20), (0, 0), (30, 0), (30, 20), (20, 20), (20, 8), (10, 8), (10, 20)]
@@ -145,12 +143,3 @@ def test_damaged_bytes_are_a_city_error_or_a_mesh(tmp_path_factory, data):
         assert str(path) in str(error)
     else:
         assert np.isfinite(mesh.vertices).all()
-
-
-@pytest.mark.parametrize("name", ["be.ply", "city.ply", "city.off"])
-def test_reported_u_shapes(name):
-    folder = real("reports") / "ply-concave-ngon"
-    (plain, _), (city, _) = (read_city(folder / one) for one in ("city.obj", name))
-    assert [round(one.footprint.area, 3) for one in city.objects] == [480.0] * 6
-    assert all(one.core for one in city.objects)
-    assert [one.footprint.wkb for one in city.objects] == [one.footprint.wkb for one in plain.objects]
