@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import io
 import warnings
+from collections.abc import Sequence
+from contextlib import suppress
+from itertools import product
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 from PIL import Image
 
 from mmi.city.model import Texture
 from mmi.foundation.errors import CityError
-from mmi.reading.names import UniqueNames
+from mmi.reading.names import UniqueNames, readable_name
 from mmi.reading.report import Ledger
 
-__all__ = ["PictureShelf", "contained_path", "texture_from_bytes"]
+__all__ = ["PictureShelf", "contained_path", "file_beside", "texture_from_bytes"]
 
 _FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "TGA", "GIF")
 _MOST_PIXELS = 1 << 26
@@ -64,6 +68,51 @@ def contained_path(folder: Path, reference: str, file: Path) -> Path:
         if path.exists():
             break
     return path
+
+
+def file_beside(folder: Path, reference: str, ledger: Ledger, *, also: Sequence[str] = ()) -> Path | None:
+    """The file in or below ``folder`` that ``reference`` means, None where there is none; nothing else is looked at.
+
+    Exporters write where a picture was on their machine: an absolute path, one that climbs out of the folder or has a drive
+    in it, in quotes, percent-encoded, or in another case. What is not there as it is written, nor in one of the folders
+    ``also``, is looked for by the end of its path, the longest first, at last by its name alone; where that finds it, the
+    ledger says so.
+    """
+    bare = reference.strip().strip("\"'")
+    forms = dict.fromkeys((reference, bare, bare.replace("\\", "/"), unquote(bare.replace("\\", "/"))))
+    inside = folder.resolve()
+    for form, where in product(forms, ("", *also)):
+        with suppress(OSError, ValueError):  # no file can have such a name
+            file = (folder / where / form).resolve()
+            if file.is_relative_to(inside) and file.is_file():
+                return file
+    for form in forms if "://" not in bare or bare.startswith("file:") else ():  # nothing stands for what is elsewhere
+        steps = [step for step in form.split("/") if step not in ("", ".")]
+        for start, where in product(range(len(steps)), ("", *also)):
+            found = _whatever_the_case(folder / where, steps[start:])
+            if found is not None and found.resolve().is_relative_to(inside):
+                name = readable_name(reference.encode("utf-8", "surrogateescape"))
+                ledger.note("repaired", "file found beside the model by its name", name)
+                return found
+    return None
+
+
+def _whatever_the_case(folder: Path, steps: list[str]) -> Path | None:
+    """The file below ``folder`` to which ``steps`` lead, as they are written or else in another case."""
+    place = folder
+    for step in steps:
+        if step == "..":
+            return None
+        with suppress(OSError):
+            inside = sorted(one.name for one in place.iterdir())
+            same = [name for name in inside if name == step] or [
+                name for name in inside if name.casefold() == step.casefold()
+            ]
+            if same:
+                place = place / same[0]
+                continue
+        return None
+    return place if place.is_file() else None
 
 
 class PictureShelf:

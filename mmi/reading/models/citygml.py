@@ -25,7 +25,7 @@ from pyproj.exceptions import ProjError
 from mmi.foundation.errors import CityError
 from mmi.reading.coordinates import named_crs
 from mmi.reading.models.faces import Color, Faces
-from mmi.reading.pictures import PictureShelf, contained_path
+from mmi.reading.pictures import PictureShelf, file_beside
 from mmi.reading.raw_layers import ModelLayer, RawModel
 from mmi.reading.report import Ledger
 
@@ -231,9 +231,9 @@ def _appearances(path: Path, root: ElementTree.Element, ledger: Ledger) -> tuple
         if kind == "ParameterizedTexture":
             image = next((one.text or "" for one in element if _local(one) == "imageURI"), "").strip()
             if image not in places:
-                file = contained_path(path.parent, image, path)
-                places[image] = shelf.place(file.read_bytes(), image, alpha=True) if file.is_file() else None
-                if not file.is_file():
+                file = file_beside(path.parent, image, ledger)
+                places[image] = None if file is None else shelf.place(file.read_bytes(), image, alpha=True)
+                if file is None:
                     ledger.note("left out", "picture: it is not there", image)
             for target in (one for one in element if _local(one) == "target"):
                 uri = next((value for key, value in target.attrib.items() if key.endswith("uri")), "").lstrip("#")

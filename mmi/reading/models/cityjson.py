@@ -26,7 +26,7 @@ from mmi.city.model import TriangleMesh
 from mmi.foundation.errors import CityError
 from mmi.reading.coordinates import named_crs
 from mmi.reading.models.faces import Color, Faces
-from mmi.reading.pictures import PictureShelf, contained_path
+from mmi.reading.pictures import PictureShelf, file_beside
 from mmi.reading.raw_layers import ModelLayer, RawModel, RawStreet
 from mmi.reading.report import Ledger
 
@@ -305,10 +305,7 @@ class _Reader:
     def _picture(self, image: str) -> int | None:
         """The texture of a picture beside the file, or in its folder of appearances; None, and a note, where there is none."""
         if image not in self._images:
-            folder = self._path.parent
-            choices = [image, f"appearances/{image}", f"appearance/{image}"]
-            paths = [contained_path(folder, one, self._path) for one in choices]
-            file = next((one for one in paths if one.is_file()), None)
+            file = file_beside(self._path.parent, image, self._ledger, also=("appearances", "appearance"))
             if file is None:
                 self._ledger.note("left out", "picture: it is not there", image)
                 self._images[image] = None

@@ -16,7 +16,7 @@ from mmi.foundation.errors import CityError
 from mmi.gltf.codes import DTYPES, WIDTHS
 from mmi.gltf.container import BIN, JSON, glb_chunks, glb_version, is_glb
 from mmi.gltf.reading import buffer_view, elements, whole_number
-from mmi.reading.pictures import contained_path
+from mmi.reading.pictures import contained_path, file_beside
 from mmi.reading.report import Ledger
 
 __all__ = ["GltfFile", "open_gltf"]
@@ -70,8 +70,8 @@ class GltfFile:
         uri = str(entry["uri"])
         if uri.startswith("data:"):
             return _data_uri(uri)
-        file = _beside(self.path, uri)
-        if not file.is_file():
+        file = file_beside(self.path.parent, uri, self.ledger)
+        if file is None:
             self.ledger.note("left out", "picture: its file is missing", uri)
             return None
         return file.read_bytes()

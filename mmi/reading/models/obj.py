@@ -16,6 +16,7 @@ import os
 import re
 from codecs import BOM_UTF8
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,7 +27,7 @@ from mmi.city.model import PAINTED, PLAIN, TriangleMesh
 from mmi.foundation.errors import CityError
 from mmi.reading.models.raw_meshes import cut_polygons, placed_corners
 from mmi.reading.names import readable_name
-from mmi.reading.pictures import PictureShelf, contained_path
+from mmi.reading.pictures import PictureShelf, contained_path, file_beside
 from mmi.reading.raw_layers import ModelLayer, RawModel
 from mmi.reading.report import Ledger
 
@@ -179,13 +180,13 @@ def _check_corners(path: Path, places: list[int], count: int, what: str) -> None
 def _library_names(path: Path, line: bytes) -> list[bytes]:
     """The names after ``mtllib``: files may be listed there, and a file's name may have spaces, so what exists decides."""
     words = line.split()
-    if len(words) < 2 or _referred(line, path).is_file():
+    if len(words) < 2 or _is_there(line, path):
         return [line]
     names: list[bytes] = []
     missing: list[bytes] = []
     while words:
         runs = (b" ".join(words[:n]) for n in range(len(words), 0, -1))
-        found = next((run for run in runs if _referred(run, path).is_file()), None)
+        found = next((run for run in runs if _is_there(run, path)), None)
         if found is None:
             missing.append(words.pop(0))
         else:
@@ -196,7 +197,7 @@ def _library_names(path: Path, line: bytes) -> list[bytes]:
 
 def _read_materials(path: Path, name: bytes, shelf: PictureShelf, ledger: Ledger) -> dict[bytes, _Look]:
     """The materials of a .mtl beside ``path``; none, and a note, where it is missing."""
-    file = _referred(name, path)
+    file = _found(name, path, ledger) or contained_path(path.parent, _as_text(name), path)
     if not file.is_file():
         ledger.note("left out", "materials: their .mtl is missing", readable_name(name))
         return {}
@@ -225,9 +226,21 @@ def _read_materials(path: Path, name: bytes, shelf: PictureShelf, ledger: Ledger
     return looks
 
 
-def _referred(name: bytes, file: Path) -> Path:
-    """The file beside ``file`` that it refers to by ``name``; bytes that are no UTF-8 stand for those of a file's name."""
-    return contained_path(file.parent, name.decode("utf-8", errors="surrogateescape"), file)
+def _as_text(name: bytes) -> str:
+    """A file's name; bytes that are no UTF-8 stand for themselves."""
+    return name.decode("utf-8", errors="surrogateescape")
+
+
+def _is_there(name: bytes, file: Path) -> bool:
+    """Whether there is a file of this very name beside ``file``."""
+    with suppress(CityError, OSError, ValueError):
+        return contained_path(file.parent, _as_text(name), file).is_file()
+    return False
+
+
+def _found(name: bytes, file: Path, ledger: Ledger) -> Path | None:
+    """The file that ``file``, beside it, refers to by ``name``."""
+    return file_beside(file.parent, _as_text(name), ledger)
 
 
 def _mapped(file: Path, words: list[bytes], shelf: PictureShelf, ledger: Ledger) -> _Look | None:
@@ -247,8 +260,8 @@ def _mapped(file: Path, words: list[bytes], shelf: PictureShelf, ledger: Ledger)
                 ledger.note("noted", what, readable_name(words[-1]))
             at += 1
     name = b" ".join(words[at:])
-    picture = _referred(name, file)
-    if not picture.is_file():
+    picture = _found(name, file, ledger)
+    if picture is None:
         ledger.note("left out", "picture: its file is missing", readable_name(name))
         return None
     place = shelf.place(picture.read_bytes(), readable_name(os.fsencode(picture.name)), alpha=True)

@@ -18,14 +18,13 @@ from mmi.reading.report import Ledger
 
 FOLDERS = {
     "citygml-berlin-srs", "cityjson-compound-crs", "dem-voids", "gis-export-landuse", "gis-lines-rail-water",
-    "gltf-edge-lines", "josm-negative-ids", "obj-colours-255", "obj-shift-jis-names", "obj-two-mtllibs", "overpass-out-geom",
-    "ply-concave-ngon",
-    "sumo-compound-types", "walk-access-no-foot-yes",
+    "gltf-edge-lines", "josm-negative-ids", "mtl-absolute-path", "obj-colours-255", "obj-shift-jis-names", "obj-two-mtllibs",
+    "overpass-out-geom", "ply-concave-ngon", "sumo-compound-types", "walk-access-no-foot-yes",
 }  # fmt: skip
 """Of these, this module reads everything."""
 ELSEWHERE = {"displaced-sheet"}
 """What is no matter of reading."""
-NOT_YET = {"citygml-nan", "citygml-xlink-missing", "footprint-units", "mtl-absolute-path", "shapefile-multipatch"}
+NOT_YET = {"citygml-nan", "citygml-xlink-missing", "footprint-units", "shapefile-multipatch"}
 
 
 def read(name, **options):
@@ -207,3 +206,15 @@ def test_reported_places_in_ways(name, number):
 def test_reported_json_of_overpass_is_refused_by_name():
     with pytest.raises(CityError, match=r"city\.json: JSON of Overpass .*is not read; expected OpenStreetMap"):
         read("overpass-out-geom/city.json")
+
+
+@pytest.mark.parametrize(
+    ("name", "by_name"), [("abs", 1), ("case", 1), ("opt", 0), ("quoted", 0), ("space", 0), ("up", 1), ("win1", 1)]
+)
+def test_reported_paths_of_textures(name, by_name):
+    city, report = read(f"mtl-absolute-path/{name}.obj")
+    assert [one.id for one in city.objects] == [f"house{k}" for k in range(6)]
+    assert [one.name for one in city.textures] == ["my wall.png" if name in ("opt", "space") else "wall.png"]
+    assert any((one.mesh.textures == 0).any() for one in city.objects)
+    assert lines(report, "repaired").get("file found beside the model by its name", 0) == by_name
+    assert not any("picture" in what for what in lines(report, "left out"))

@@ -435,8 +435,8 @@ DAMAGES = {
     "texture without image": (damage("appearance", "textures", 0, to={}), "appearance"),
     "texture coordinates NaN": (damage("appearance", "vertices-texture", 1, to=[0, float("nan")]), "appearance"),
     "texture coordinates flat": (damage("appearance", "vertices-texture", to=[0, 1, 2, 3]), "appearance"),
-    "picture outside": (damage("appearance", "textures", 0, to={"image": "../secret.png"}), r"refers to '../secret"),
-    "picture at the root": (damage("appearance", "textures", 0, to={"image": "/etc/hostname"}), "refers to '/etc"),
+    "picture outside": (damage("appearance", "textures", 0, to={"image": "../secret.png"}), None),
+    "picture at the root": (damage("appearance", "textures", 0, to={"image": "/etc/hostname"}), None),
     "attributes a list": (damage("CityObjects", "b", to={"type": "Road", "attributes": [1], "geometry": [
         {"type": "MultiLineString", "lod": "0", "boundaries": [[0, 1]]}]}), "object b"),
 }  # fmt: skip

@@ -139,6 +139,17 @@ def test_several_mtl_files_on_one_line(tmp_path, line, missing):
     assert [one.examples[0] for one in lost] == missing
 
 
+@pytest.mark.parametrize(
+    "line", ["/home/user/Town.mtl", '"town.mtl"', r"C:\models\town.mtl", "TOWN.MTL", "../x/town.mtl"]
+)
+def test_mtl_files_are_found_beside_the_file(tmp_path, line):
+    path = town(tmp_path / "town.obj", [b"a", b"b"], (b"red", b"blue"))
+    path.write_text(path.read_text().replace("mtllib town.mtl", f"mtllib {line}"))
+    ledger = Ledger()
+    assert colours(read_obj(path, ledger)) == [RED, BLUE]
+    assert ledger.count("left out") == 0
+
+
 def test_mtl_files_outside_the_folder_are_refused(tmp_path):
     path = town(tmp_path / "town.obj", [b"a", b"b"], (b"red", b"blue"))
     path.write_text(path.read_text().replace("town.mtl", "town.mtl ../x.mtl"))
