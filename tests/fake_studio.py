@@ -29,8 +29,8 @@ class Shown:
 class FakeStudio:
     """See the module. ``seconds`` is what drawing takes; ``broken`` makes frames fail."""
 
-    def __init__(self, *, seconds=0.0, most=4):
-        self.seconds, self.most, self.broken = seconds, most, False
+    def __init__(self, *, seconds=0.0, most=4, films=None):
+        self.seconds, self.most, self.films, self.broken = seconds, most, films, False
         self.clients, self.told, self.left = {}, [], []
         self.drawn = 0
         self._changed = threading.Condition()
@@ -100,19 +100,34 @@ class FakeStudio:
             self._changed.notify()
         return future
 
-    def answer(self, client, command, told=None):  # noqa: ARG002  nothing here takes long
+    def answer(self, client, command, told=None):
         future = Future()
         kind = type(command).__name__
         self.told.append((client, command))
         if kind == "Pick":
             future.set_result(
                 {
-                    "type": "picked", "id": "way/42#0", "attributes": {"building": "yes", "height": "21 m"}, "near": False,
-                    "layer": "s1.l2", "why": "drawn by an impostor", "weights": [["way/43#0", 4.5]],
+                    "type": "picked", "what": "object", "id": "way/42#0", "link": "https://www.openstreetmap.org/way/42",
+                    "distance_m": 84.25, "shown_as": "impostor", "displaced_px": 1.5, "height_m": 21.0, "base_m": 0.0,
+                    "top_m": 21.0, "triangles": 36, "attributes": {}, "attributes_note": "Nothing is kept.", "role": "far",
+                    "layers": [{"layer": 2, "sectors": [1], "pictures": ["s1.l2"]}], "cell": "0001-00",
+                    "why": {
+                        "planned": True, "answer": "It is in layer 2 of 3.", "threshold_px": 10.0, "missed_px": 2.0,
+                        "reasons": [], "neighbours": [{"id": "way/43#0", "weight_px": 14.5, "apart": True, "layer": 1}],
+                    },
                 }
             )  # fmt: skip
         elif kind == "AskMap":
             future.set_result({"type": "map", "footprints": [], "cells": []})
+        elif kind == "Save":
+            one = self.clients[client]
+            width, height = one["size"]
+            picture = stripes(one["pose"], width, height, one["look"]["swipe"])
+            future.set_result({"type": "saved", "frame": Shown(picture, header(one) | {"saved": True})})
+        elif kind == "Film" and self.films is not None:
+            told(3, 9)
+            (self.films / "tour.mp4").write_bytes(b"a film")
+            future.set_result({"type": "film", "url": "/films/tour.mp4"})
         else:
             future.set_exception(MmiError(f"{kind}: the fake studio cannot"))
         return future

@@ -8,6 +8,7 @@ import sys
 import threading
 import webbrowser
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NoReturn
 
 from mmi.foundation.errors import ParameterError
@@ -73,13 +74,18 @@ def _view(options: argparse.Namespace) -> None:
         raise ParameterError(
             f'{error.name}: a package of the viewer expected; pip install "multi-mesh-impostors[viewer]" brings it'
         ) from None
-    from viewer.window.studio import Studio, StudioOptions
+    from viewer.window.look import Look
+    from viewer.window.options import StudioOptions
+    from viewer.window.studio import Studio
 
     try:
         chosen = ServerOptions(host=options.host, port=options.port, token=options.token)
     except ParameterError as error:
         raise ParameterError(f"--{error}") from None
-    studio = Studio(options.dataset, StudioOptions(techniques=options.techniques, cache=round(1e6 * options.cache)))
+    wanted = StudioOptions(cache=round(1e6 * options.cache))
+    if options.techniques is not None:
+        left, right = options.techniques[0], options.techniques[-1]
+        wanted = replace(wanted, techniques=tuple(options.techniques), look=Look(left=left, right=right))
 
     def started(address: str) -> None:
         print(address, flush=True)
@@ -87,8 +93,7 @@ def _view(options: argparse.Namespace) -> None:
         if not options.no_browser and _has_screen():
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
-    with studio:
-        serve(studio, chosen, started=started)
+    serve(Studio(options.dataset, wanted), chosen, started=started)
 
 
 def _has_screen() -> bool:

@@ -9,6 +9,7 @@ own connection ends.
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
@@ -56,7 +57,7 @@ _PATIENCE = 10.0
 class Client:
     """A connection from the handshake on; ``run`` returns when it ends.
 
-    ``complain`` is told, in a line, of what should not have happened.
+    ``publish`` is told the address of a film that was made for it; ``complain``, in a line, what should not have happened.
     """
 
     def __init__(
@@ -66,10 +67,11 @@ class Client:
         studio: Studio,
         encoder: Encoder,
         room: WaitingRoom,
+        publish: Callable[[str], None],
         complain: Callable[[str], None],
     ) -> None:
         self._name, self._socket, self._studio, self._encoder, self._room = name, socket, studio, encoder, room
-        self._complain = complain
+        self._publish, self._complain = publish, complain
         self._loop = asyncio.get_running_loop()
         self._flow, self._quality = Flow(), Quality()
         self._fixed: int | None = None
@@ -143,7 +145,7 @@ class Client:
                 if self._inside:
                     task = asyncio.create_task(self._answer(command))
                     self._answers.add(task)
-                    task.add_done_callback(self._answers.discard)
+                    task.add_done_callback(self._answered)
             case _:
                 if self._inside:
                     self._studio.tell(self._name, command)
@@ -165,16 +167,33 @@ class Client:
             with suppress(RuntimeError):  # the loop has ended
                 self._loop.call_soon_threadsafe(self._mention, progress)
 
+        known = {} if command.id is None else {"for": command.id}
         try:
             found = await asyncio.wrap_future(self._studio.answer(self._name, command, told))
-            reply: dict[str, Any] = {**found}
         except Exception as error:
             if not isinstance(error, MmiError):
                 self._complain(f"a page got no answer: {_in_words(error)}")
-            reply = {"type": "error", "text": _in_words(error)}
-        if command.id is not None:
-            reply["for"] = command.id
-        await self._tell(reply)
+            found = {"type": "error", "text": _in_words(error)}
+        if found["type"] == "saved":
+            await self._send_saved(found["frame"], known)
+            return
+        if found["type"] == "film":
+            self._publish(found["url"])
+        await self._tell({**found, **known})
+
+    def _answered(self, task: asyncio.Task[None]) -> None:
+        self._answers.discard(task)
+        error = None if task.cancelled() else task.exception()
+        if error is not None and not isinstance(error, ConnectionError):
+            self._complain(f"a page got no answer: {_in_words(error)}")
+
+    async def _send_saved(self, shown: ShownFrame, known: Mapping[str, Any]) -> None:
+        """Send a picture to be kept: without loss, and with where it was taken from in a text of its own."""
+        views = ", ".join(one["technique"] for one in shown.header["views"])
+        texts = {"pose": json.dumps(shown.header["pose"]), "techniques": views, "Software": "view-impostors"}
+        encoded = await asyncio.wrap_future(self._encoder.png(shown.picture, texts, small=True))
+        header = {**shown.header, **known, "saved": True, "format": encoded.format}
+        await self._socket.send_bytes(message(header, encoded.data))
 
     def _mention(self, progress: Mapping[str, Any]) -> None:
         """Tell how far something is, unless the client still has to take in how far it was before."""
@@ -282,5 +301,5 @@ class Client:
         return asyncio.create_task(send())
 
 
-def _in_words(error: Exception) -> str:
+def _in_words(error: BaseException) -> str:
     return str(error) if isinstance(error, MmiError) else f"{type(error).__name__}: {error}"

@@ -1,8 +1,8 @@
 """The viewer's server: a few files of its own, one websocket a client, and films that its clients had made. Nothing else.
 
-    with Studio(dataset, options) as studio:
-        serve(studio, ServerOptions(), started=print)            until Ctrl-C
-        with ServerThread(studio, ServerOptions()) as address:   beside other work (a notebook, a window, tests)
+    serve(Studio(dataset, options), ServerOptions(), started=print)      until Ctrl-C
+    with Studio(dataset, options) as studio, ServerThread(studio, ServerOptions()) as address:
+        ...                                                              beside other work: a notebook, a window, tests
 
 Files are read when the server starts, into a table: what a request names is a key of that table and never a path.
 """
@@ -17,10 +17,11 @@ import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
-from contextlib import suppress
+from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass
 from importlib import resources
 from itertools import count
+from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import TYPE_CHECKING, Self
 
@@ -101,16 +102,20 @@ class ServerOptions:
 
 
 class Server:
-    """The server on the running asyncio loop, as an async context manager; ``address`` is where its page is."""
+    """The server on the running asyncio loop, as an async context manager; ``address`` is where its page is.
+
+    It serves the page from the start, and clients once ``open`` says that the studio was entered.
+    """
 
     def __init__(
         self, studio: Studio, options: ServerOptions, *, complain: Callable[[str], None] | None = None
     ) -> None:
         self._studio, self._options = studio, options
+        self._opened = asyncio.Event()
         self._complain = _to_stderr if complain is None else complain
         self._door = options.door()
         self._files = _files()
-        self._films: dict[str, str] = {}
+        self._films: dict[str, Path] = {}
         self._names = count(1)
         self._sockets: set[web.WebSocketResponse] = set()
         self._port = options.port
@@ -153,6 +158,10 @@ class Server:
             raise DatasetError(f"{where}: an address to listen at expected, found: {reason}") from None
         self._port = self._listener.sockets[0].getsockname()[1]
         return self
+
+    def open(self) -> None:
+        """The studio can be asked from now on."""
+        self._opened.set()
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -204,7 +213,7 @@ class Server:
                 return web.Response(status=304, headers={**_HEADERS, "ETag": file.tag})
             return web.Response(body=file.data, headers={**_HEADERS, "Content-Type": file.kind, "ETag": file.tag})
         film = self._films.get(request.path)
-        if film is not None:
+        if film is not None and film.is_file():
             return web.FileResponse(film, headers={**_HEADERS, "Content-Type": "video/mp4"})
         return _plain(404, "The viewer has no such page.\n")
 
@@ -214,16 +223,23 @@ class Server:
         socket = web.WebSocketResponse(heartbeat=_SILENCE, compress=False, max_msg_size=MOST_BYTES, timeout=_SHUTDOWN)
         if not socket.can_prepare(request).ok:
             return _plain(400, "a websocket's handshake expected\n")
+        await self._opened.wait()
         await socket.prepare(request)
         self._sockets.add(socket)
         try:
             name = f"client {next(self._names)}"
-            await Client(name, socket, self._studio, self._encoder, self._room, self._complain).run()
+            await Client(
+                name, socket, self._studio, self._encoder, self._room, publish=self._publish, complain=self._complain
+            ).run()
         finally:
             self._sockets.discard(socket)
             with suppress(ConnectionError):
                 await socket.close()
         return socket
+
+    def _publish(self, url: str) -> None:
+        """Serve a film of the studio's from now on."""
+        self._films[url] = self._studio.films / url.rpartition("/")[2]
 
 
 class ServerThread:
@@ -259,6 +275,7 @@ class ServerThread:
     async def _serve(self) -> None:
         self._loop, self._ended = asyncio.get_running_loop(), asyncio.Event()
         async with Server(self._studio, self._options) as server:
+            server.open()
             self._started.set_result(server.address)
             await self._ended.wait()
 
@@ -266,13 +283,25 @@ class ServerThread:
 def serve(studio: Studio, options: ServerOptions, *, started: Callable[[str], None]) -> None:
     """Serve until KeyboardInterrupt, which is raised on; ``started`` is called with the page's address.
 
-    Raises DatasetError where the address cannot be had.
+    The studio is entered here, while a browser opens the page already. Raises DatasetError where the address cannot be had, and
+    what entering the studio raises.
     """
 
     async def until_interrupted() -> None:
-        async with Server(studio, options) as server:
+        loop = asyncio.get_running_loop()
+        async with AsyncExitStack() as stack:
+            server = await stack.enter_async_context(Server(studio, options))
             started(server.address)
-            await asyncio.Event().wait()
+            entering = loop.run_in_executor(None, studio.__enter__)
+            try:
+                await asyncio.shield(entering)
+                server.open()
+                await asyncio.Event().wait()
+            finally:  # clients leave before their studio does
+                await stack.aclose()
+                await asyncio.wait((entering,))
+                if entering.exception() is None:
+                    await loop.run_in_executor(None, studio.__exit__, None, None, None)
 
     asyncio.run(until_interrupted())
 

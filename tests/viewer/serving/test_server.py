@@ -65,7 +65,7 @@ async def hear(one, kind=None, *, ack=True):
                 return reply
         elif received.type is aiohttp.WSMsgType.BINARY:
             header, picture = opened(received.data)
-            if ack:
+            if ack and "saved" not in header:
                 await one.send_json({"type": "ack", "frame": header["frame"]})
             if kind is None:
                 return header, picture
@@ -315,7 +315,7 @@ def test_a_poor_picture_is_sent_again_when_all_stands_still(address):
             for i in range(14):
                 header, _ = await hear(one, ack=False)
                 await asyncio.sleep(0.01 if i < 3 else 0.15)
-                await one.send_json({"type": "ack", "frame": header["frame"]})
+                await one.send_json({"type": "ack", "frame": header["frame"]}) if "frame" in header else None
             assert header["quality"] < 80
             await one.send_json({"type": "input", "seq": 2, "held": {}})
             qualities = []
@@ -338,6 +338,39 @@ def test_replies_say_what_they_are_for(address):
             assert (await hear(one, "error")) == {"type": "error", "text": "Film: the fake studio cannot", "for": 78}
 
     run(visit)
+
+
+def test_saved_pictures_are_whole_and_say_where_they_were_taken(address):
+    async def visit():
+        async with page(address) as one:
+            shown, _ = await hear(one)
+            await one.send_json({"type": "save", "id": 5})
+            header, data = await hear(one)
+            assert (header["saved"], header["for"], header["format"]) == (True, 5, "png")
+            image = Image.open(BytesIO(data))
+            np.testing.assert_array_equal(np.asarray(image), stripes(shown["pose"], 320, 200, 0.5))
+            assert json.loads(image.text["pose"]) == shown["pose"]
+            assert image.text["techniques"] == "full, multi-mesh"
+
+    run(visit)
+
+
+def test_films_are_served_once_they_are_made(tmp_path):
+    async def visit(address):
+        async with page(address) as one:
+            await hear(one)
+            (tmp_path / "other.mp4").write_bytes(b"not for all")
+            assert (await get(address, "/films/tour.mp4"))[0] == 404
+            await one.send_json({"type": "film", "id": 5})
+            assert await hear(one, "progress") == {"type": "progress", "done": 3, "of": 9, "for": 5}
+            assert await hear(one, "film") == {"type": "film", "url": "/films/tour.mp4", "for": 5}
+            status, headers, body = await get(address, "/films/tour.mp4")
+            assert (status, headers["Content-Type"], body) == (200, "video/mp4", b"a film")
+            assert (await get(address, "/films/tour.mp4", headers={"Range": "bytes=2-5"}))[2] == b"film"
+            assert (await get(address, "/films/other.mp4"))[0] == 404
+
+    with FakeStudio(films=tmp_path) as studio, ServerThread(studio, ServerOptions()) as address:
+        run(lambda: visit(address))
 
 
 # ------------------------------------------------------------------------------------------------- clients that misbehave
@@ -561,6 +594,7 @@ def test_connections_beyond_a_bound_are_closed_at_once(studio, monkeypatch):
 def test_the_server_ends_at_once_with_clients_connected(studio):
     async def visit():
         async with Server(studio, ServerOptions()) as server:
+            server.open()
             sockets = []
             async with aiohttp.ClientSession() as session:
                 for _ in range(6):

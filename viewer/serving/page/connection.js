@@ -44,6 +44,13 @@ export function connection(heard) {
     heard.frame(header, new Uint8Array(data, 4 + length));
   }
 
+  /** A message that is an answer goes to who asked. */
+  function answered(message) {
+    const question = questions.get(message.for);
+    questions.delete(message.for);
+    question?.resolve(message);
+  }
+
   function text(message) {
     const question = questions.get(message.for);
     if (question && message.type !== "progress") {
@@ -79,5 +86,5 @@ export function connection(heard) {
     });
   }
 
-  return { open, send, ask };
+  return { open, send, ask, answered };
 }

@@ -21,7 +21,7 @@ export function panel({ change, note, download, copyLink, ask, send, save, scale
   budget.addEventListener("input", () => change({ budget_ms: Number(budget.value) >= NO_LIMIT ? null : Number(budget.value) }));
   threshold.addEventListener("input", () => change({ threshold_px: Number(threshold.value) }));
   byId("scale").addEventListener("change", (event) => scale(Number(event.target.value)));
-  byId("save").addEventListener("click", save);
+  byId("save").addEventListener("click", () => quietly(save()));
   byId("link").addEventListener("click", copyLink);
 
   function options(select, entries, value) {

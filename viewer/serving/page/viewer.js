@@ -72,6 +72,7 @@ let painting = 0;
 
 async function frame(header, body) {
   if (header.saved) {
+    server.answered(header);
     keep(header, body);
     return;
   }
@@ -345,12 +346,18 @@ async function pick(x, y) {
   const mark = byId("mark");
   Object.assign(mark.style, { left: `${x}px`, top: `${y}px` });
   mark.hidden = false;
+  const from = String(state.header?.pose);
+  const question = { type: "pick", x: Math.max(0, Math.min(picture.width - 1, Math.floor(x * sx))), y: Math.max(0, Math.min(picture.height - 1, Math.floor(y * sy))) };
   try {
-    const reply = await server.ask({
-      type: "pick", x: Math.max(0, Math.min(picture.width - 1, Math.floor(x * sx))), y: Math.max(0, Math.min(picture.height - 1, Math.floor(y * sy))),
-    });
-    asked.show(reply);
-    plan.picked(reply);
+    for (let again = 0; again < 30; again++) {   // why takes longer than what: it is asked for until it is known
+      const reply = await server.ask(question);
+      if (again && !asked.open) return;
+      asked.show(reply);
+      plan.picked(reply);
+      if (!reply.why?.waiting) return;
+      await new Promise((resolve) => setTimeout(resolve, 500));
+      if (String(state.header?.pose) !== from) return;   // another building may be at that pixel now
+    }
   } catch (error) {
     mark.hidden = true;
     note("error", error.message, { kind: "bad", seconds: 6 });
@@ -366,7 +373,7 @@ const plan = map(byId("map"), byId("map-picture"), byId("map-key"), {
 const controlsPanel = panel({
   change, note, download, copyLink,
   ask: server.ask, send: server.send,
-  save: () => server.send({ type: "save" }),
+  save: () => server.ask({ type: "save" }),
   scale(value) { state.scale = value; sendSize(); },
   look: () => state.look,
   dataset: () => state.hello?.dataset ?? "walk",
