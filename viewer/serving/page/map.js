@@ -97,7 +97,8 @@ export function map(box, canvas, key, { go }) {
 
   function drawViewer(pen, pose, width, height) {
     const [x, y] = toScreen(pose[0], pose[1], width, height);
-    const half = (0.5 * (hello?.fov_degrees ?? 60) * Math.PI) / 180;
+    const upright = Math.tan((0.5 * (hello?.fov_degrees ?? 60) * Math.PI) / 180);   // the height of the window has this angle
+    const half = Math.atan((upright * header.width) / header.height);
     pen.fillStyle = "#ffffff38";
     pen.beginPath();
     pen.moveTo(x, y);

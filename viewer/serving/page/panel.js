@@ -121,6 +121,10 @@ export function panel({ change, note, download, copyLink, ask, send, save, scale
     promise(header);
     recording = header.recording;
     playing = header.playing;
+    buttons();
+  }
+
+  function buttons() {
     const record = byId("record"), tour = byId("tour");
     record.textContent = recording ? "Stop" : "Record";
     record.classList.toggle("live", recording);
@@ -147,10 +151,16 @@ export function panel({ change, note, download, copyLink, ask, send, save, scale
   byId("tour").addEventListener("click", () => quietly(ask({ type: "walk", do: playing ? "stop" : "tour" })));
   byId("record").addEventListener("click", () => {
     if (!recording) {
-      quietly(ask({ type: "walk", do: "record" }).then(() => note("walk", "Recording. Walk, and press Stop when you are there.", { seconds: 5 })));
+      quietly(ask({ type: "walk", do: "record" }).then(() => {
+        recording = true;
+        buttons();
+        note("walk", "Recording. Walk, and press Stop when you are there.", { seconds: 5 });
+      }));
       return;
     }
     quietly(ask({ type: "walk", do: "stop" }).then(({ walk }) => {
+      recording = false;
+      buttons();
       if (!walk) return;
       const text = JSON.stringify(walk, null, 1);
       note("walk", "The walk is recorded. compare-impostors --path reads the file.", {

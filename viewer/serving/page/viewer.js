@@ -390,7 +390,7 @@ const walking = controls(picture, byId("stick"), {
   },
   act,
   click: pick,
-  radians: () => (2 * Math.tan((0.5 * (state.hello?.fov_degrees ?? 60) * Math.PI) / 180)) / Math.max(stage.clientWidth, 1),
+  radians: () => (2 * Math.tan((0.5 * (state.hello?.fov_degrees ?? 60) * Math.PI) / 180)) / Math.max(stage.clientHeight, 1),
   used(moving) {
     byId("mark").hidden = true;
     if (moving && !walked) walked = setTimeout(() => hint.classList.add("gone"), 5000);
