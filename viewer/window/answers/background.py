@@ -5,8 +5,8 @@ The thread ends with the program, whatever it does then.
 
 from __future__ import annotations
 
-import queue
 import threading
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
@@ -28,59 +28,57 @@ class Background:
 
     def __init__(self, name: str) -> None:
         self._name = name
-        self._jobs: queue.Queue[tuple[Future[Any], Callable[[], Any]] | None] = queue.Queue(_MOST_WAITING)
+        self._changed = threading.Condition()  # guards the next ones
+        self._jobs: deque[tuple[Future[Any], Callable[[], Any]]] = deque()
         self._thread: threading.Thread | None = None
-        self._closed = threading.Event()
+        self._closed = False
 
     @property
     def closed(self) -> bool:
         """Whether it was told to give up."""
-        return self._closed.is_set()
+        return self._closed
 
     def submit(self, job: Callable[[], _T]) -> Future[_T]:
         """Have ``job`` done; its result, or what it raised. A job that has not begun can be cancelled.
 
         Raises ParameterError where too many wait, or after :meth:`close`.
         """
-        if self._closed.is_set():
-            raise ParameterError(f"{self._name}: closed")
-        if self._thread is None:
-            self._thread = threading.Thread(target=self._work, name=self._name, daemon=True)
-            self._thread.start()
         future: Future[_T] = Future()
-        try:
-            self._jobs.put_nowait((future, job))
-        except queue.Full:
-            raise ParameterError(f"{self._name}: at most {_MOST_WAITING} at a time; try again in a moment") from None
+        with self._changed:
+            if self._closed:
+                raise ParameterError(f"{self._name}: closed")
+            self._jobs = deque(waiting for waiting in self._jobs if not waiting[0].cancelled())
+            if len(self._jobs) >= _MOST_WAITING:
+                raise ParameterError(f"{self._name}: at most {_MOST_WAITING} at a time; try again in a moment")
+            self._jobs.append((future, job))
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._work, name=self._name, daemon=True)
+                self._thread.start()
+            self._changed.notify()
         return future
 
     def close(self) -> None:
         """Cancel what waits, and do not wait for what is being done."""
-        self._closed.set()
-        with suppress(queue.Empty):
-            while True:
-                waiting = self._jobs.get_nowait()
-                if waiting is not None:
-                    waiting[0].cancel()
-        if self._thread is not None:
-            self._jobs.put(None)
+        with self._changed:
+            self._closed = True
+            waiting, self._jobs = self._jobs, deque()
+            self._changed.notify()
+        for future, _ in waiting:
+            future.cancel()
 
     def _work(self) -> None:
         while True:
-            waiting = self._jobs.get()
-            if waiting is None:
-                return
-            future, job = waiting
-            del waiting
-            if not future.set_running_or_notify_cancel():
-                continue
-            try:
-                result = job()
-            except BaseException as error:
-                future.set_exception(error)
-            else:
-                future.set_result(result)
-            del future, job
+            with self._changed:
+                self._changed.wait_for(lambda: self._jobs or self._closed)
+                if self._closed:
+                    return
+                future, job = self._jobs.popleft()
+            if future.set_running_or_notify_cancel():
+                try:
+                    future.set_result(job())
+                except BaseException as error:
+                    future.set_exception(error)
+            del future, job  # so that nothing is kept while it waits
 
 
 def within(seconds: float, asked: Future[_T], otherwise: Callable[[], _T]) -> Future[_T]:
