@@ -37,6 +37,7 @@ from mmi.reading.maps.gis_columns import (
     why_no_building,
     why_no_street,
 )
+from mmi.reading.maps.wkb import geometries_from_wkb
 from mmi.reading.raw_layers import BuildingLayer, RawBuilding, RawStreet, StreetLayer, with_unique_ids
 from mmi.reading.report import Ledger
 
@@ -290,7 +291,7 @@ def _read(layer: _Layer, ledger: Ledger) -> _Table:
         raise CityError(f"{layer.file} (layer {layer.name}): cannot be read: {error}") from error
     for one in caught:
         ledger.warn(f"{layer.file.name}: {one.message}")
-    geometries = tuple(shapely.from_wkb(wkb, on_invalid="ignore")) if wkb is not None else ()
+    geometries = () if wkb is None else tuple(geometries_from_wkb(wkb))
     columns = {str(name): values for name, values in zip(meta["fields"], data, strict=True)}
     return _Table(
         layer, declared_crs(layer.file, meta["crs"], hint="; name one with --crs EPSG:..."), geometries, columns

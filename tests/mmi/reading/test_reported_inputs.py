@@ -19,12 +19,12 @@ from mmi.reading.report import Ledger
 FOLDERS = {
     "citygml-berlin-srs", "cityjson-compound-crs", "dem-voids", "gis-export-landuse", "gis-lines-rail-water",
     "gltf-edge-lines", "josm-negative-ids", "mtl-absolute-path", "obj-colours-255", "obj-shift-jis-names", "obj-two-mtllibs",
-    "overpass-out-geom", "ply-concave-ngon", "sumo-compound-types", "walk-access-no-foot-yes",
+    "overpass-out-geom", "ply-concave-ngon", "shapefile-multipatch", "sumo-compound-types", "walk-access-no-foot-yes",
 }  # fmt: skip
 """Of these, this module reads everything."""
 ELSEWHERE = {"displaced-sheet"}
 """What is no matter of reading."""
-NOT_YET = {"citygml-nan", "citygml-xlink-missing", "footprint-units", "shapefile-multipatch"}
+NOT_YET = {"citygml-nan", "citygml-xlink-missing", "footprint-units"}
 
 
 def read(name, **options):
@@ -218,3 +218,11 @@ def test_reported_paths_of_textures(name, by_name):
     assert any((one.mesh.textures == 0).any() for one in city.objects)
     assert lines(report, "repaired").get("file found beside the model by its name", 0) == by_name
     assert not any("picture" in what for what in lines(report, "left out"))
+
+
+@pytest.mark.parametrize("name", ["rings", "strips"])
+def test_reported_multipatches(name):
+    city, report = read(f"shapefile-multipatch/{name}.shp", streets="shapefile-multipatch/streets.geojson")
+    assert [round(one.footprint.area, 6) for one in city.objects] == [180.0] * 6
+    assert [one.top for one in city.objects] == [10.0, 12.0, 14.0, 16.0, 18.0, 20.0]
+    assert report.left_out == ()
