@@ -1,0 +1,138 @@
+"""``view-impostors`` as a user meets it: its first line of output, Ctrl-C, and one line for each mistake."""
+
+import re
+import shlex
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import urllib.error
+import urllib.request
+from contextlib import contextmanager
+
+import pytest
+
+from viewer.programs import view_impostors as program
+from viewer.programs.view_impostors import view_impostors
+from viewer.serving import server
+
+START = "from viewer.programs.view_impostors import view_impostors; view_impostors()"
+
+
+@contextmanager
+def started(*arguments):
+    """(process, the first line of its output): the program as it is started in a shell."""
+    command = [sys.executable, "-c", START, *map(str, arguments), "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        watchdog = threading.Timer(60.0, process.kill)
+        watchdog.start()
+        try:
+            yield process, process.stdout.readline().rstrip("\n")
+        finally:
+            watchdog.cancel()
+            process.kill()
+
+
+def get(address):
+    with urllib.request.urlopen(address, timeout=10.0) as answer:
+        return answer.read().decode()
+
+
+def test_the_first_line_is_the_address_and_ctrl_c_ends_it(dataset):
+    with started(dataset.path) as (process, line):
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", line)
+        assert "<title>view-impostors</title>" in get(line)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=10.0)
+    assert process.returncode == 130
+    assert out == ""
+    assert err.splitlines() == ["Ctrl-C ends the viewer.", "view-impostors: interrupted; the viewer was ended"]
+
+
+def test_another_host_has_a_token_in_its_address(dataset):
+    with started(dataset.path, "--host", "127.0.0.1", "--token", "of-the-tests-own") as (_, line):
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=of-the-tests-own", line)
+        get(line)
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            get(line.partition("?")[0])
+
+
+def run(capsys, *arguments):
+    """(exit status, output, errors)."""
+    with pytest.raises(SystemExit) as left:
+        view_impostors([str(one) for one in arguments])
+    captured = capsys.readouterr()
+    return left.value.code, captured.out, captured.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "the following arguments are required: OUT"),
+        (("{nowhere}",), "nowhere: the folder of a dataset"),
+        (("{dataset}", "--port", "70000"), "--port: 0 to 65535 expected, found 70000"),
+        (("{dataset}", "--port", "http"), "argument --port: invalid int value: 'http'"),
+        (("{dataset}", "--port", "{taken}"), "an address to listen at expected, found: "),
+        (("{dataset}", "--host", "nowhere.invalid"), "nowhere.invalid, port 0: an address to listen at expected"),
+        (("{dataset}", "--host", "a b"), "--host: a name or an address of this machine expected"),
+        (("{dataset}", "--token", "short"), "--token: 8 to 128 letters"),
+        (("{dataset}", "--cache", "nan"), "--cache: 1 to 1000000 MB expected, found nan"),
+        (("{dataset}", "--techniques", "full,nothing-like-it"), "nothing-like-it"),
+        (("{dataset}", "--techniques", "full,,visible"), "names with commas between expected"),
+        (("{dataset}", "--techniques", "full,single-mesh"), "single-mesh needs a dataset of its own"),
+    ],
+)
+def test_mistakes_get_one_line(capsys, dataset, tmp_path, arguments, message):
+    with socket.create_server(("127.0.0.1", 0)) as busy:
+        values = {"dataset": dataset.path, "nowhere": tmp_path / "nowhere", "taken": busy.getsockname()[1]}
+        status, out, err = run(capsys, *(one.format(**values) for one in arguments))
+    assert (status, out) == (2, "")
+    assert err.count("\n") == 1
+    assert err.startswith("view-impostors: error: ")
+    assert message in err
+
+
+def test_missing_packages_are_named(dataset):
+    without = f"import sys; sys.modules['aiohttp'] = None; {START}"
+    found = subprocess.run([sys.executable, "-c", without, dataset.path], capture_output=True, text=True, check=False)
+    assert (found.returncode, found.stdout) == (2, "")
+    assert found.stderr == (
+        "view-impostors: error: aiohttp: a package of the viewer expected; "
+        'pip install "multi-mesh-impostors[viewer]" brings it\n'
+    )
+
+
+def test_a_browser_is_opened_only_where_there_is_a_screen(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    assert not program._has_screen()
+    monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
+    assert program._has_screen()
+
+
+def test_techniques_are_offered_and_the_first_and_last_are_compared(dataset, monkeypatch):
+    offered = []
+    monkeypatch.setattr(server, "serve", lambda studio, *_, **__: offered.append(studio.options))
+    with pytest.raises(SystemExit):
+        view_impostors([str(dataset.path), "--techniques", "visible,full,local", "--cache", "20"])
+    (options,) = offered
+    assert options.techniques == ("visible", "full", "local")
+    assert (options.look.left, options.look.right, options.cache) == ("visible", "local", 20_000_000)
+
+
+def test_help_has_examples_that_are_read_as_they_stand(capsys):
+    _, out, _ = run(capsys, "--help")
+    examples = [
+        line.strip().split("   ")[0] for line in out.splitlines() if line.strip().startswith("view-impostors out")
+    ]
+    assert len(examples) >= 4
+    parsed = []
+    for example in examples:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(program, "_view", parsed.append)
+            with pytest.raises(SystemExit) as left:
+                view_impostors(shlex.split(example)[1:])
+            assert left.value.code == 0, example
+    assert len(parsed) == len(examples)
