@@ -1,17 +1,20 @@
 // The map: footprints, cells, what is near and far where somebody stands, and the way that was walked. A click goes there.
 
 const LAYERS = ["#4e9bff", "#b48cff", "#3fd0c9", "#ff8fab", "#a3d65c", "#e0a84e", "#7fa7c9", "#d98cff"];
-const NEAR = "#ffffff", UNSEEN = "#3a4250", GROUND = "#171b21", STREET = "#272e38";
+const HERE = "#ffd166", PICKED = "#ff4f9a", NEAR = "#ffffff", UNSEEN = "#3a4250", GROUND = "#171b21", STREET = "#272e38";
 const MOST_TRACE = 4000;
 
-export function map(box, canvas, key, { go }) {
-  let city = null, hello = null, header = null, trace = [], waiting = 0, picked = null;
+export function map(box, canvas, key, { go, ask }) {
+  let city = null, number = 0, hello = null, colors = LAYERS, header = null, trace = [], waiting = 0, picked = null;
   let view = { x: 0, y: 0, scale: 1 };      // the middle, metres, and pixels a metre
   let byHand = false;                        // moved or zoomed by hand: stays so until somebody walks on
-  let base = null;                           // footprints as they were drawn last, and for what
+  let base = null;                           // the city as it was drawn last, and around where and for what
+  let asked = [0, 0];                        // where the map was asked for, which may be of a part of a large city
 
-  function wake() {
-    if (!waiting) waiting = requestAnimationFrame(draw);
+  const layerColor = (layer) => colors[layer % colors.length];
+
+  function wake(soon = true) {
+    if (!waiting) waiting = soon ? requestAnimationFrame(draw) : setTimeout(() => requestAnimationFrame(draw), 60);
   }
 
   function layout() {
@@ -30,48 +33,61 @@ export function map(box, canvas, key, { go }) {
     waiting = 0;
     const [width, height, ratio] = layout();
     if (!width || !height) return;
+    const pose = header?.pose;
+    if (pose && !byHand) [view.x, view.y] = pose;
     const pen = canvas.getContext("2d");
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.fillStyle = GROUND;
     pen.fillRect(0, 0, width, height);
-    const pose = header?.pose;
-    if (pose && !byHand) [view.x, view.y] = pose;
-    if (city) drawCity(pen, width, height);
+    if (city) {
+      const of = `${header?.cell} ${picked} ${view.scale} ${width} ${height} ${ratio} ${city.number}`;
+      const off = base ? Math.max(Math.abs(view.x - base.x) / width, Math.abs(view.y - base.y) / height) * view.scale : 1;
+      if (!base || base.of !== of || off > 0.45) base = { of, x: view.x, y: view.y, picture: drawn(width, height, ratio) };
+      const [x, y] = toScreen(base.x, base.y, width, height);
+      pen.drawImage(base.picture, x - width, y - height, 2 * width, 2 * height);
+    }
     drawTrace(pen, width, height);
     if (pose) drawViewer(pen, pose, width, height);
   }
 
-  function drawCity(pen, width, height) {
+  /** The city around the middle, twice as wide and high as is shown, so that it serves while somebody walks on. */
+  function drawn(width, height, ratio) {
+    const picture = new OffscreenCanvas(2 * width * ratio, 2 * height * ratio);
+    const pen = picture.getContext("2d");
+    const scale = view.scale * ratio;
+    pen.setTransform(scale, 0, 0, -scale, width * ratio - view.x * scale, height * ratio + view.y * scale);
+    const [left, right] = [view.x - width / view.scale, view.x + width / view.scale];
+    const [low, high] = [view.y - height / view.scale, view.y + height / view.scale];
     pen.lineCap = "round";
     for (const cell of city.cells) {
       const here = header && cell.id === header.cell;
-      pen.strokeStyle = here ? "#ffd166" : STREET;
-      pen.lineWidth = Math.max(here ? 4 : 2, 2 * cell.half_width * view.scale);
+      pen.strokeStyle = here ? HERE : STREET;
+      pen.lineWidth = Math.max((here ? 4 : 2) / view.scale, 2 * cell.half_width);
       pen.beginPath();
-      pen.moveTo(...toScreen(...cell.axis[0], width, height));
-      pen.lineTo(...toScreen(...cell.axis[1], width, height));
+      pen.moveTo(...cell.axis[0]);
+      pen.lineTo(...cell.axis[1]);
       pen.stroke();
     }
+    const groups = new Map();                  // colour -> one path for all
     for (const one of city.footprints) {
       const [x0, y0, x1, y1] = one.box;
-      const [a, b] = toScreen(x0, y1, width, height), [c, d] = toScreen(x1, y0, width, height);
-      if (c < 0 || a > width || d < 0 || b > height) continue;
-      pen.fillStyle = color(one);
-      pen.fill(path(one), "evenodd");
-      if (picked === one.id) {
-        pen.strokeStyle = "#fff";
-        pen.lineWidth = 2;
-        pen.stroke(path(one));
-      }
+      if (x1 < left || x0 > right || y1 < low || y0 > high) continue;
+      const fill = color(one);
+      if (!groups.has(fill)) groups.set(fill, new Path2D());
+      groups.get(fill).addPath(one.path);
+      if (picked === one.id) groups.set(PICKED, one.path);
     }
-    function path(one) {
-      const found = new Path2D();
-      for (const ring of one.rings) {
-        ring.forEach(([x, y], i) => (i ? found.lineTo(...toScreen(x, y, width, height)) : found.moveTo(...toScreen(x, y, width, height))));
-        found.closePath();
-      }
-      return found;
+    for (const [fill, path] of groups) {
+      if (fill === PICKED) continue;
+      pen.fillStyle = fill;
+      pen.fill(path, "evenodd");
     }
+    if (groups.has(PICKED)) {
+      pen.strokeStyle = PICKED;
+      pen.lineWidth = 3 / view.scale;
+      pen.stroke(groups.get(PICKED));
+    }
+    return picture;
   }
 
   function color(one) {
@@ -79,7 +95,7 @@ export function map(box, canvas, key, { go }) {
     if (!cell) return "#566070";
     if (cell.near.has(one.id)) return NEAR;
     const layer = cell.layers.get(one.id);
-    if (layer !== undefined) return LAYERS[layer % LAYERS.length];
+    if (layer !== undefined) return layerColor(layer);
     return UNSEEN;
   }
 
@@ -155,7 +171,7 @@ export function map(box, canvas, key, { go }) {
     wake();
   }
 
-  new ResizeObserver(wake).observe(canvas);
+  new ResizeObserver(() => wake()).observe(canvas);
   box.querySelector("#map-grow").addEventListener("click", () => grow());
 
   function grow() {
@@ -181,8 +197,9 @@ export function map(box, canvas, key, { go }) {
       wake();
     },
     city(reply) {
-      city = read(reply);
-      key.replaceChildren(entry("#ffd166", "cell that you are in"), entry(NEAR, "near: geometry"), ...LAYERS.slice(0, 3).map((fill, i) => entry(fill, `layer ${i}`)), entry(UNSEEN, "cannot be seen from here"), entry("#ff6b6b", "where you walked"));
+      city = { ...read(reply), number: number++ };
+      asked = (header?.pose ?? hello?.pose ?? [0, 0]).slice(0, 2);
+      key.replaceChildren(entry(HERE, "cell that you are in"), entry(NEAR, "near: geometry"), ...(hello?.layers ?? []).slice(0, 8).map((layer) => entry(layerColor(layer), `layer ${layer}`)), entry(UNSEEN, "cannot be seen from here"), entry("#ff6b6b", "where you walked"));
       wake();
     },
     frame(found) {
@@ -194,8 +211,12 @@ export function map(box, canvas, key, { go }) {
         trace.push([x, y, Boolean(last) && Math.hypot(x - last[0], y - last[1]) > 25]);
         if (trace.length > MOST_TRACE) trace.splice(0, MOST_TRACE / 4);
         if (!pressed) byHand = false;
+        if (city && !city.whole && Math.hypot(x - asked[0], y - asked[1]) > 200) {
+          asked = [x, y];
+          ask();
+        }
       }
-      if (!before || before.some((value, i) => value !== found.pose[i])) wake();
+      if (!before || before.some((value, i) => value !== found.pose[i])) wake(false);
     },
     picked(reply) {
       picked = reply.id ?? null;
@@ -210,9 +231,14 @@ export function map(box, canvas, key, { go }) {
 function read(reply) {
   const footprints = (reply.footprints ?? []).map((one) => {
     const xs = one.rings.flat().map(([x]) => x), ys = one.rings.flat().map(([, y]) => y);
-    return { ...one, box: [Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)] };
+    const path = new Path2D();
+    for (const ring of one.rings) {
+      ring.forEach(([x, y], i) => (i ? path.lineTo(x, y) : path.moveTo(x, y)));
+      path.closePath();
+    }
+    return { id: one.id, path, box: [Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)] };
   });
   const cells = reply.cells ?? [];
-  const byCell = new Map(cells.map((cell) => [cell.id, { near: new Set(cell.near ?? []), layers: new Map(Object.entries(cell.layers ?? {})) }]));
-  return { footprints, cells, byCell };
+  const byCell = new Map(cells.filter((cell) => cell.near).map((cell) => [cell.id, { near: new Set(cell.near ?? []), layers: new Map(Object.entries(cell.layers ?? {})) }]));
+  return { footprints, cells, byCell, whole: reply.whole !== false };
 }

@@ -104,6 +104,7 @@ export function panel({ change, note, download, copyLink, ask, send, save, scale
     if (look().worst) {
       if (!header.still) text += " Stand still to have the worst region measured.";
       else if (!found) text += " Measuring\u2026";
+      else if (found.why) text = found.why + (found.box ? ` The worst region is ${px(found.thickness_px)} thick.` : " Nothing is wrong in this view.");
       else if (!found.box) text += " Nothing is wrong in this view.";
       else text += ` Worst in this view: ${px(found.thickness_px)} thick, displaced by ${px(found.displacement_px)}.`;
     }

@@ -22,6 +22,7 @@ const state = {
   times: new Map(),          // number of an input -> when it was sent
   latencies: [],             // milliseconds from an input to its picture, the last ones
   drawn: [],                 // when the last frames were drawn
+  views: new Map(),          // numbers of techniques, as they were last drawn
   flight: null,              // what "fly" was before freezing
 };
 
@@ -132,7 +133,7 @@ function shown(header) {
   note("outside", header.inside ? null : "You are outside of the built cells: all that is visible is drawn as geometry.", {
     kind: "warn", action: state.inside ? ["Take me back", () => server.send({ type: "pose", pose: state.inside })] : null,
   });
-  note("frozen", header.frozen ? "Frozen: impostors stay as they were for where you stood. Fly around them, and see what they are made of." : null, {
+  note("frozen", header.frozen ? "Frozen: impostors stay as they were. Fly around them." : null, {
     action: ["Unfreeze", () => change({ freeze: false })],
   });
   place(header.worst);
@@ -142,10 +143,11 @@ function shown(header) {
 /** The views of a header as [left, right]; a side that is not shown is null. */
 function sides(header) {
   const views = header.views ?? [];
-  const find = (name) => views.find((one) => one.technique === name) ?? null;
-  const left = state.look.mode === "one" ? null : find(state.look.left) ?? views[0] ?? null;
-  const right = find(state.look.right) ?? views[views.length - 1] ?? null;
-  return [left, right];
+  for (const one of views) state.views.set(one.technique, one);
+  // A blinking picture has one of them at a time; outside of the cells geometry stands in for techniques with layers.
+  const find = (name, otherwise) => views.find((one) => one.technique === name)
+    ?? (header.inside ? state.views.get(name) : null) ?? otherwise ?? null;
+  return [state.look.mode === "one" ? null : find(state.look.left, views[0]), find(state.look.right, views[views.length - 1])];
 }
 
 /** Where a place on the stage is in the picture, and back. */
@@ -167,7 +169,7 @@ function place(worst) {
 
 function worstText(worst) {
   const px = (value) => `${Number(value).toFixed(1)} px`;
-  const promised = worst.promised_px?.thickness ?? worst.promised_px;
+  const promised = worst.promised_px?.thickness;
   return `worst region: ${px(worst.thickness_px)} thick` + (promised !== undefined && promised !== null ? `, promised at most ${px(promised)}` : "");
 }
 
@@ -194,9 +196,9 @@ function arrange() {
   divider.setAttribute("aria-valuenow", String(Math.round(100 * swipe)));
   const [left, right] = [byId("left-name"), byId("right-name")];
   left.hidden = mode === "one";
-  const blinking = mode === "blink" ? state.header?.blink ?? null : null;
-  left.classList.toggle("away", blinking === "right" || (mode === "swipe" && swipe * width < left.offsetWidth + 12));
-  right.classList.toggle("away", blinking === "left" || (mode === "swipe" && (1 - swipe) * width < right.offsetWidth + 60));
+  const blinking = mode === "blink" ? state.header?.views?.[0]?.technique : null;
+  left.classList.toggle("away", (blinking && blinking !== state.look.left) || (mode === "swipe" && swipe * width < left.offsetWidth + 12));
+  right.classList.toggle("away", (blinking && blinking !== state.look.right) || (mode === "swipe" && (1 - swipe) * width < right.offsetWidth + 60));
 }
 
 divider.addEventListener("pointerdown", (event) => {
@@ -308,7 +310,7 @@ const server = connection({
     else controlsPanel.look(state.look);
     sendSize();
     walking.again();
-    server.ask({ type: "map" }).then((reply) => plan.city(reply), () => {});
+    askMap();
     arrange();
   },
   frame,
@@ -324,6 +326,10 @@ const server = connection({
     cover("The viewer does not answer", `It was ended, or cannot be reached. This page tries again by itself${seconds > 1 ? ` in ${Math.round(seconds)} s` : ""}.`, true);
   },
 });
+
+function askMap() {
+  server.ask({ type: "map" }).then((reply) => plan.city(reply), () => {});   // a page without a map does as well
+}
 
 function sendSize() {
   const limit = (value, least, most) => Math.max(least, Math.min(most, Math.round(value)));
@@ -368,7 +374,7 @@ async function pick(x, y) {
 
 const times = graph(byId("graph"), byId("graph-key"));
 const plan = map(byId("map"), byId("map-picture"), byId("map-key"), {
-  go: (x, y) => server.send({ type: "go", to: [x, y] }),
+  go: (x, y) => server.send({ type: "go", to: [x, y] }), ask: askMap,
 });
 const controlsPanel = panel({
   change, note, download, copyLink,
