@@ -17,7 +17,7 @@ from pathlib import Path
 
 from cjio import cityjson
 
-from mmi.reading.models.cityjson import read_cityjson
+from mmi.reading.city_models.cityjson import read_cityjson
 from mmi.reading.report import Ledger
 
 

@@ -10,15 +10,17 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import io
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
-from xml.parsers import expat
 
 import osmium
+
+from mmi.reading.xml_elements import xml_root
 
 __all__ = ["OsmText", "look_through"]
 
@@ -82,7 +84,7 @@ def _deleted(text: bytes) -> Iterator[str]:
 
 def _written_anew(text: bytes) -> bytes:
     """The document with ids for all corners, and a way for each member that brings the places of one that is not there."""
-    root = _root(text)
+    root = xml_root(io.BytesIO(text))
     ids: dict[tuple[str | None, str | None], str] = {}
     for corner in root.iter("nd"):  # those that have an id lend it to those of the same place that have none
         if "ref" in corner.attrib and "lat" in corner.attrib:
@@ -109,22 +111,3 @@ def _written_anew(text: bytes) -> bytes:
                 place = (corner.get("lat"), corner.get("lon"))
                 corner.set("ref", ids.setdefault(place, str(2 * (_FIRST_ID + len(ids)) + 1)))
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
-
-
-def _root(text: bytes) -> ElementTree.Element:
-    """The document's first element; a document type is refused, as it may say the same thing a million times over."""
-
-    def refuse(*_: object) -> None:
-        raise ValueError("a document type, where none is expected")
-
-    builder = ElementTree.TreeBuilder()
-    parser = expat.ParserCreate()
-    parser.StartDoctypeDeclHandler = refuse
-    parser.StartElementHandler = builder.start
-    parser.EndElementHandler = builder.end
-    parser.CharacterDataHandler = builder.data
-    try:
-        parser.Parse(text, True)
-    except expat.ExpatError as error:
-        raise ValueError(str(error)) from error
-    return builder.close()

@@ -21,6 +21,8 @@ from shapely.geometry import Polygon
 from mmi.city.model import City, CityObject
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError, ParameterError
+from mmi.reading.city_models.citygml import is_citygml, read_citygml
+from mmi.reading.city_models.cityjson import is_cityjson, read_cityjson
 from mmi.reading.coordinates import (
     Box,
     LocalFrame,
@@ -36,8 +38,6 @@ from mmi.reading.coordinates import (
 from mmi.reading.ground.ground import ground_of_buildings, ground_of_file, ground_of_model, settled
 from mmi.reading.ground.open_space import open_space_streets
 from mmi.reading.maps.streets import graph_from_lines, moved_lines
-from mmi.reading.models.citygml import is_citygml, read_citygml
-from mmi.reading.models.cityjson import is_cityjson, read_cityjson
 from mmi.reading.models.mesh_files import is_mesh, read_meshes
 from mmi.reading.models.objects_from_meshes import objects_from_models
 from mmi.reading.raw_layers import BuildingLayer, ModelLayer, RawBuilding, StreetLayer

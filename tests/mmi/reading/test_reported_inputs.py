@@ -17,14 +17,15 @@ from mmi.reading.read_options import ReadOptions
 from mmi.reading.report import Ledger
 
 FOLDERS = {
-    "citygml-berlin-srs", "cityjson-compound-crs", "dem-voids", "gis-export-landuse", "gis-lines-rail-water",
-    "gltf-edge-lines", "josm-negative-ids", "mtl-absolute-path", "obj-colours-255", "obj-shift-jis-names", "obj-two-mtllibs",
-    "overpass-out-geom", "ply-concave-ngon", "shapefile-multipatch", "sumo-compound-types", "walk-access-no-foot-yes",
+    "citygml-berlin-srs", "citygml-nan", "citygml-xlink-missing", "cityjson-compound-crs", "dem-voids", "gis-export-landuse",
+    "gis-lines-rail-water", "gltf-edge-lines", "josm-negative-ids", "mtl-absolute-path", "obj-colours-255",
+    "obj-shift-jis-names", "obj-two-mtllibs", "overpass-out-geom", "ply-concave-ngon", "shapefile-multipatch",
+    "sumo-compound-types", "walk-access-no-foot-yes",
 }  # fmt: skip
 """Of these, this module reads everything."""
 ELSEWHERE = {"displaced-sheet"}
 """What is no matter of reading."""
-NOT_YET = {"citygml-nan", "citygml-xlink-missing", "footprint-units"}
+NOT_YET = {"footprint-units"}
 
 
 def read(name, **options):
@@ -226,3 +227,24 @@ def test_reported_multipatches(name):
     assert [round(one.footprint.area, 6) for one in city.objects] == [180.0] * 6
     assert [one.top for one in city.objects] == [10.0, 12.0, 14.0, 16.0, 18.0, 20.0]
     assert report.left_out == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "gone", "reason"),
+    [("nan", "B2", "coordinates that are no places"), ("empty", "B3", "no surfaces above level of detail 0")],
+)
+def test_reported_damaged_buildings(name, gone, reason):
+    city, report = read(f"citygml-nan/{name}.gml")
+    assert [one.id for one in city.objects] == [f"B{k}" for k in range(6) if f"B{k}" != gone]
+    assert [one.examples for one in report.left_out if one.what == f"building: {reason}"] == [(gone,)]
+
+
+def test_reported_links_that_lead_nowhere():
+    city, report = read("citygml-xlink-missing/town.gml")
+    assert [one.id for one in city.objects] == ["B0", "B1", "B4", "B5"]
+    assert {one.what: (one.count, one.examples) for one in report.left_out if one.metres is None} == {
+        "surface: its link leads nowhere": (12, ("B1", "B2", "B3")),
+        "building: its surfaces are links that lead nowhere": (1, ("B2",)),
+        "building: no height or no area": (1, ("B3",)),
+    }
+    assert [one.examples for one in report.noted if one.what == "building: not closed, hides nothing"] == [("B1",)]

@@ -17,7 +17,7 @@ from shapely.geometry import LineString, box
 from citygen.generate import generate
 from mmi.city.model import CityObject
 from mmi.foundation.errors import CityError, MmiError
-from mmi.reading.models.cityjson import read_cityjson
+from mmi.reading.city_models.cityjson import read_cityjson
 from mmi.reading.read_city import read_city
 from mmi.reading.read_options import ReadOptions
 from mmi.reading.report import Ledger

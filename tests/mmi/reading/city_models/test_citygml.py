@@ -12,7 +12,7 @@ from PIL import Image
 
 from mmi.city.model import PAINTED, PLAIN
 from mmi.foundation.errors import CityError, MmiError
-from mmi.reading.models.citygml import is_citygml, read_citygml
+from mmi.reading.city_models.citygml import is_citygml, read_citygml
 from mmi.reading.read_city import read_city
 from mmi.reading.read_options import ReadOptions
 from mmi.reading.report import Ledger
@@ -425,9 +425,6 @@ DAMAGES = {
     "NaN": (GOOD.replace("<gml:posList srsDimension=\"3\">0", "<gml:posList>nan", 1), "object a: points of three"),
     "infinite": (GOOD.replace("<gml:posList srsDimension=\"3\">0", "<gml:posList>1e999", 1), "object a: points of three"),
     "far away": (GOOD.replace("<gml:posList srsDimension=\"3\">0", "<gml:posList>1e300", 1), "object a: points of three"),
-    "two parts of a colour": (GOOD.replace("1 0 0</app:diff", "1 0</app:diff"), "X3DMaterial"),
-    "colour NaN": (GOOD.replace("1 0 0</app:diff", "1 0 nan</app:diff"), "X3DMaterial"),
-    "twice": (model(*[building("a", solid(faces(box_at(), "a")))] * 2), "object a: an id of its own expected"),
     "unknown EPSG": (GOOD.replace("EPSG:25832", "EPSG:99999"), "srsName: an EPSG code expected"),
     "nested deep": (GOOD.replace("<core:cityObjectMember>", "<a>" * 3000, 1).replace(
         "</core:cityObjectMember>", "</a>" * 3000, 1), "nested more than"),
@@ -444,6 +441,78 @@ def test_damage_is_told_in_one_line(name, tmp_path):
         read(text, tmp_path)
     assert str(caught.value).startswith(str(tmp_path / "city.gml"))
     assert "\n" not in str(caught.value)
+
+
+SMALL_DAMAGES = {
+    "word": lambda text: text.replace(">20", ">x", 1),
+    "one too few": lambda text: text.replace(">20 ", ">", 1),
+    "NaN": lambda text: text.replace(">20", ">nan", 1),
+    "infinite": lambda text: text.replace(">20", ">1e999", 1),
+    "far away": lambda text: text.replace(">20", ">-1e300", 1),
+    "last corner": lambda text: "0 nan</gml:posList>".join(text.rsplit("0 0</gml:posList>", 1)),
+}
+
+
+@pytest.mark.parametrize("name", SMALL_DAMAGES)
+@pytest.mark.parametrize("first", [True, False])
+def test_a_damaged_building_is_left_out_and_named(name, first, tmp_path):
+    bad = SMALL_DAMAGES[name](building("bad", solid(faces(box_at(20, 0, 30, 10), "bad"))))
+    good = [building(one, solid(faces(box_at(y0=y, y1=y + 10), one))) for one, y in (("a", 0), ("b", 20))]
+    layer, ledger = read(model(*([bad, *good] if first else [*good, bad])), tmp_path)
+    assert [one.id for one in layer.items] == ["a", "b"]
+    assert [volume(one.mesh) for one in layer.items] == pytest.approx([600.0, 600.0])
+    (line,) = ledger.report(source="", crs="", origin=(0, 0, 0)).left_out
+    assert (line.what, line.count, line.examples) == ("building: coordinates that are no places", 1, ("bad",))
+
+
+@pytest.mark.parametrize("color", ["1 0", "1 0 nan", "red"])
+def test_a_damaged_colour_is_none(color, tmp_path):
+    layer, ledger = read(GOOD.replace("1 0 0</app:diff", f"{color}</app:diff"), tmp_path)
+    assert (layer.items[0].mesh.textures == PAINTED).all()
+    assert ledger.count("left out", "colour: not three numbers") == 1
+
+
+def test_damaged_texture_coordinates_show_nothing(tmp_path):
+    text, _ = dressed(tmp_path)
+    assert '-r">0 0' in text
+    layer, ledger = read(text.replace('-r">0 0', '-r">0 x'), tmp_path)
+    assert (layer.items[0].mesh.textures < 0).all()
+    assert ledger.count("left out", "picture: texture coordinates that are no numbers") == 1
+
+
+def test_ids_that_repeat_get_numbers(tmp_path):
+    twice = [building("a", solid(faces(box_at(x0=x, x1=x + 10), f"{x}"))) for x in (0, 20)]
+    layer, ledger = read(model(*twice, building("a", solid([]))), tmp_path)
+    assert [one.id for one in layer.items] == ["a", "a#2"]
+    assert [one.mesh.vertices[:, 0].min() for one in layer.items] == [0.0, 20.0]
+    assert ledger.count("repaired", "repeated id made unique") == 1
+
+
+def test_ground_with_a_damaged_face_keeps_the_others(tmp_path):
+    squares = [
+        polygon(np.array([(x, 0, 7.0), (x + 9, 0, 7.0), (x + 9, 9, 7.0), (x, 9, 7.0)]), f"g{x}") for x in (0, 40)
+    ]
+    land = f'<luse:LandUse gml:id="land">{members(squares)}</luse:LandUse>'.replace(">40", ">nan", 1)
+    layer, ledger = read(model(building("a", solid(faces(box_at(), "a"))), land), tmp_path)
+    assert layer.terrain.vertices[:, 0].max() == 9.0
+    assert ledger.count("left out", "ground: coordinates that are no places") == 1
+
+
+def test_links_that_lead_nowhere_are_counted_with_their_building(tmp_path):
+    whole, gone = linked(box_at(), "a"), linked(box_at(20, 0, 30, 10), "b")
+    roof = faces(box_at(20, 0, 30, 10), "b")[1]
+    assert roof in gone
+    other = linked(box_at(40, 0, 50, 10), "c").partition("<bldg:boundedBy>")[0]
+    text = model(
+        building("a", whole), building("b", gone.replace(roof, "")), building("c", other.replace("#", "x.gml#"))
+    )
+    layer, ledger = read(text, tmp_path)
+    assert [len(one.mesh.triangles) for one in layer.items] == [12, 10]
+    found = {one.what: (one.count, one.examples) for one in ledger.report(source="", crs="", origin=(0, 0, 0)).left_out}
+    assert found == {
+        "surface: its link leads nowhere": (7, ("b", "c")),
+        "building: its surfaces are links that lead nowhere": (1, ("c",)),
+    }
 
 
 def test_no_building(tmp_path):

@@ -3,9 +3,8 @@
 There is no well-kept Python library that carries CityGML with its appearances: GDAL drops them, and what else there is
 converts in Java. The format is wide, what a city of buildings needs of it is narrow: polygons inside buildings at a level
 of detail, pictures and colours that name polygons and rings by id. Elements are told by their local names, which all
-versions share. Files are read with the standard library's parser, which fetches nothing; document types are
-refused.
-Source: OGC City Geography Markup Language 2.0 (12-019), sections 9.3, 9.4 and 10.3.
+versions share. A building with damaged coordinates, or a surface whose link leads nowhere, is left out and counted.
+Source: OGC City Geography Markup Language 2.0 (12-019), sections 9.3 and 10.3.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
-from xml.parsers import expat
 
 import numpy as np
 import pyproj
@@ -23,11 +21,14 @@ from numpy.typing import NDArray
 from pyproj.exceptions import ProjError
 
 from mmi.foundation.errors import CityError
+from mmi.reading.city_models.citygml_looks import Look, read_looks
+from mmi.reading.city_models.faces import Faces
 from mmi.reading.coordinates import named_crs
-from mmi.reading.models.faces import Color, Faces
-from mmi.reading.pictures import PictureShelf, file_beside
+from mmi.reading.names import UniqueNames
+from mmi.reading.pictures import PictureShelf
 from mmi.reading.raw_layers import ModelLayer, RawModel
 from mmi.reading.report import Ledger
+from mmi.reading.xml_elements import gml_id, link_of, local_name, xml_root
 
 __all__ = ["is_citygml", "read_citygml"]
 
@@ -37,6 +38,7 @@ _LEVEL = re.compile(r"lod([0-4])")
 _DEEPEST = 200
 _FARTHEST = 1e9
 """Coordinates beyond this are no place on earth in any units."""
+_NO_SURFACES = "no surfaces above level of detail 0"
 
 
 def is_citygml(path: Path) -> bool:
@@ -52,54 +54,40 @@ def read_citygml(path: Path, ledger: Ledger, *, lod: str | None = None, crs: pyp
     ``crs`` counts where the file's is none that can be understood.
 
     Raises:
-        CityError: damaged XML or coordinates; names the object at fault.
+        CityError: damaged XML, or no building with sound coordinates; names the object at fault.
     """
     root = _root(path)
     if _depth(root) > _DEEPEST:
         raise CityError(f"{path}: CityGML expected, found elements nested more than {_DEEPEST} deep")
-    surfaces = _Surfaces(path, ledger, _appearances(path, root, ledger))
+    surfaces = _Surfaces(path, ledger, read_looks(path, root, ledger))
     targets = _targets(root)
-    ids: dict[str, int] = {}
+    names = UniqueNames()
+    buildings = 0
     for member in _members(root):
-        kind, name = _local(member), _id(member) or f"{_local(member)}/{len(ids)}"
+        kind, own = local_name(member), gml_id(member) or f"{local_name(member)}/{buildings}"
         if kind == "Building":
             ledger.note("read", "buildings")
-            polygons = _at_level(member, lod, name, targets, ledger)
-            if not polygons:
-                ledger.note("left out", "building: no surfaces above level of detail 0", name)
-            elif name in ids:
-                raise CityError(f"{path}: object {name}: an id of its own expected, found it twice")
-            else:
-                ids[name] = len(ids)
-                surfaces.add_building(ids[name], name, polygons)
+            name = names.free(own)
+            if surfaces.add_building(name, *_at_level(member, lod, name, targets, ledger)):
+                buildings += 1
+                names.take(name)
+                ledger.note("repaired", "repeated id made unique", name, count=int(name != own))
         elif kind in _GROUND:
-            surfaces.add_ground(name, member, relief=kind == "ReliefFeature")
+            surfaces.add_ground(own, member, relief=kind == "ReliefFeature")
         else:
-            ledger.note("left out", f"{kind}: no building", name)
-    return surfaces.layer(ids, _crs(path, root, crs))
+            ledger.note("left out", f"{kind}: no building", own)
+    return surfaces.layer(_crs(path, root, crs))
 
 
 def _root(path: Path) -> ElementTree.Element:
-    """The document's first element. Prefixes need not be bound, for nothing looks at them; a document type is refused."""
-    builder = ElementTree.TreeBuilder()
-
-    def refuse(*_: object) -> None:
-        raise CityError(f"{path}: CityGML without a document type expected, found one")
-
-    parser = expat.ParserCreate()
-    parser.buffer_text = True
-    parser.StartDoctypeDeclHandler = refuse
-    parser.StartElementHandler = builder.start
-    parser.EndElementHandler = builder.end
-    parser.CharacterDataHandler = builder.data
+    """The document's first element, a city model."""
     try:
         with path.open("rb") as file:
-            parser.ParseFile(file)
-    except (expat.ExpatError, LookupError, ValueError) as error:  # the latter two: of encodings
+            root = xml_root(file)
+    except ValueError as error:
         raise CityError(f"{path}: CityGML expected, found damaged XML ({error})") from error
-    root: ElementTree.Element = builder.close()
-    if _local(root) != "CityModel":
-        raise CityError(f"{path}: CityGML with a CityModel expected, found {_local(root)}")
+    if local_name(root) != "CityModel":
+        raise CityError(f"{path}: CityGML with a CityModel expected, found {local_name(root)}")
     return root
 
 
@@ -111,17 +99,9 @@ def _depth(root: ElementTree.Element) -> int:
     return depth
 
 
-def _local(element: ElementTree.Element) -> str:
-    return element.tag.rpartition(":")[2]
-
-
-def _id(element: ElementTree.Element) -> str:
-    return next((value for key, value in element.attrib.items() if key.rpartition(":")[2] == "id"), "")
-
-
 def _members(root: ElementTree.Element) -> Iterator[ElementTree.Element]:
     for holder in root:
-        if _local(holder) in ("cityObjectMember", "featureMember"):
+        if local_name(holder) in ("cityObjectMember", "featureMember"):
             yield from holder
 
 
@@ -148,17 +128,23 @@ class _Part:
         ]
 
 
+_Targets = tuple[dict[str, ElementTree.Element], frozenset[str]]
+"""The surfaces that links name, by id, and the names of which there is nothing in the file."""
+
+
 def _at_level(
-    building: ElementTree.Element, lod: str | None, name: str, targets: dict[str, ElementTree.Element], ledger: Ledger
-) -> list[_Sided]:
-    """The polygons of a building and its parts at the level of detail wanted, or the highest. ``targets``: of links."""
+    building: ElementTree.Element, lod: str | None, name: str, targets: _Targets, ledger: Ledger
+) -> tuple[list[_Sided], str]:
+    """The polygons of a building and its parts at the level of detail wanted, or the highest; else why there are none."""
+    surfaces, nowhere = targets
+    lost: set[tuple[str, int, int]] = set()
     whole = _Part()
     parts: list[_Part] = []
     links: list[tuple[str, int, _Part, bool]] = []
     known: set[tuple[str, int, int, bool]] = set()
 
     def walk(element: ElementTree.Element, level: int, part: _Part, turned: bool, linked: bool) -> None:
-        local = _local(element)
+        local = local_name(element)
         if local in ("BuildingPart", "BuildingInstallation"):
             part = _Part()
             parts.append(part)
@@ -174,21 +160,23 @@ def _at_level(
             ledger.note("left out", "building: a shape in coordinates of its own", name)
             return
         turned ^= local == "OrientableSurface" and element.attrib.get("orientation") == "-"
-        link = next((value for key, value in element.attrib.items() if key.rpartition(":")[2] == "href"), "")
-        target = link.lstrip("#")
-        if level > 0 and target in targets and (target, level, id(part), turned) not in known:
+        target = link_of(element)
+        if level > 0 and target in surfaces and (target, level, id(part), turned) not in known:
             known.add((target, level, id(part), turned))
             links.append((target, level, part, turned))
+        if level > 0 and target in nowhere:
+            lost.add((target, level, id(part)))
         for child in element:
             walk(child, level, part, turned, linked)
 
     walk(building, 0, whole, False, False)
     while links:  # which may lead to more, or in a circle: each is followed once
         target, level, part, turned = links.pop()
-        walk(targets[target], level, part, turned, True)
+        walk(surfaces[target], level, part, turned, True)
+    ledger.note("left out", "surface: its link leads nowhere", name, count=len(lost))
     found = {level for part in (whole, *parts) for level in (*part.own, *part.linked)}
     if not found:
-        return []
+        return [], "its surfaces are links that lead nowhere" if lost else _NO_SURFACES
     wanted = max(found)
     if lod is not None:
         asked = int(float(lod))
@@ -202,64 +190,16 @@ def _at_level(
         # A part at lower levels only is not shown by anything else, unlike the whole.
         below = [one for one in (*part.own, *part.linked) if one <= wanted]
         polygons += part.at(wanted if is_whole else max(below, default=wanted), inside)
-    return polygons
+    return polygons, _NO_SURFACES
 
 
-def _targets(root: ElementTree.Element) -> dict[str, ElementTree.Element]:
-    """The surfaces that links name, by id."""
-    links = {
-        value.lstrip("#")
-        for element in root.iter()
-        for key, value in element.attrib.items()
-        if key.rpartition(":")[2] == "href"
-    }
-    surfaces = ("Polygon", "Triangle", "Rectangle", "OrientableSurface", "CompositeSurface", "MultiSurface", "Surface")
-    return {_id(one): one for one in root.iter() if _local(one) in surfaces and _id(one) in links}
-
-
-_Look = tuple[int | None, dict[str, list[float]], Color | None]
-"""A polygon's picture, texture coordinates by ring id, and colour."""
-
-
-def _appearances(path: Path, root: ElementTree.Element, ledger: Ledger) -> tuple[dict[str, _Look], PictureShelf]:
-    """What pictures and materials say, by polygon id. The first picture counts, and a picture more than a colour."""
-    shelf = PictureShelf(ledger)
-    looks: dict[str, _Look] = {}
-    places: dict[str, int | None] = {}
-    for element in root.iter():
-        kind = _local(element)
-        if kind == "ParameterizedTexture":
-            image = next((one.text or "" for one in element if _local(one) == "imageURI"), "").strip()
-            if image not in places:
-                file = file_beside(path.parent, image, ledger)
-                places[image] = None if file is None else shelf.place(file.read_bytes(), image, alpha=True)
-                if file is None:
-                    ledger.note("left out", "picture: it is not there", image)
-            for target in (one for one in element if _local(one) == "target"):
-                uri = next((value for key, value in target.attrib.items() if key.endswith("uri")), "").lstrip("#")
-                coordinates = {
-                    one.attrib.get("ring", "").lstrip("#"): _numbers(one.text or "", path, uri)
-                    for one in target.iter()
-                    if _local(one) == "textureCoordinates"
-                }
-                if places[image] is not None and coordinates and looks.get(uri, (None,))[0] is None:
-                    looks[uri] = (places[image], coordinates, None)
-        elif kind == "X3DMaterial":
-            text = next((one.text or "" for one in element if _local(one) == "diffuseColor"), "")
-            parts = _numbers(text or "0.8 0.8 0.8", path, kind)[:3]
-            if len(parts) < 3 or not np.isfinite(parts).all():
-                raise CityError(f"{path}: X3DMaterial: a diffuseColor of three numbers expected, found {text[:40]!r}")
-            red, green, blue = (round(255 * min(max(one, 0.0), 1.0)) for one in parts)
-            for target in (one for one in element if _local(one) == "target"):
-                looks.setdefault((target.text or "").strip().lstrip("#"), (None, {}, (red, green, blue)))
-    return looks, shelf
-
-
-def _numbers(text: str, path: Path, where: str) -> list[float]:
-    try:
-        return [float(one) for one in text.split()]
-    except ValueError as error:
-        raise CityError(f"{path}: {where}: numbers expected, found {text[:40]!r}") from error
+def _targets(root: ElementTree.Element) -> _Targets:
+    """What the links of a document name."""
+    links = {link_of(element) for element in root.iter()} - {""}
+    kinds = ("Polygon", "Triangle", "Rectangle", "OrientableSurface", "CompositeSurface", "MultiSurface", "Surface")
+    named = [one for one in root.iter() if gml_id(one) in links] if links else []
+    surfaces = {gml_id(one): one for one in named if local_name(one) in kinds}
+    return surfaces, frozenset(links - {gml_id(one) for one in named})
 
 
 def _crs(path: Path, root: ElementTree.Element, fallback: pyproj.CRS | None) -> pyproj.CRS | None:
@@ -274,40 +214,67 @@ def _crs(path: Path, root: ElementTree.Element, fallback: pyproj.CRS | None) -> 
 class _Surfaces:
     """Faces of buildings and ground while the document is walked."""
 
-    def __init__(self, path: Path, ledger: Ledger, looks: tuple[dict[str, _Look], PictureShelf]) -> None:
+    def __init__(self, path: Path, ledger: Ledger, looks: tuple[dict[str, Look], PictureShelf]) -> None:
         self._path, self._ledger = path, ledger
         self._looks, self._shelf = looks
         self._faces, self._relief, self._cover = Faces(), Faces(), Faces()
+        self._names: list[str] = []
         self._points: list[tuple[float, ...]] = []
         self._places: dict[tuple[float, ...], int] = {}
         self._uv: list[list[float]] = []
+        self._damage: str | None = None
 
-    def add_building(self, owner: int, name: str, polygons: list[_Sided]) -> None:
-        """Polygons, each with the looks that its id has."""
+    def add_building(self, name: str, polygons: list[_Sided], why_none: str) -> bool:
+        """Polygons, each with the looks that its id has. False, and a note, where there are none or one is damaged."""
+        mark = self._faces.mark()
+        reason = why_none if not polygons else None
         for polygon, turned in polygons:
-            rings, ids = self._rings(polygon, name)
-            texture, coordinates, color = self._looks.get(_id(polygon), (None, {}, None))
-            uv = []
-            if texture is not None:
-                for ring, id_ in zip(rings, ids, strict=True):
-                    pairs = np.array(coordinates.get(id_, [])).reshape(-1)
-                    own = pairs[: len(pairs) // 2 * 2].reshape(-1, 2)
-                    if len(own) != len(ring):
-                        own = np.empty((0, 2))
-                    uv.append(list(range(len(self._uv), len(self._uv) + len(own))))
-                    self._uv += own.tolist()
-            if turned:
-                rings, uv = [ring[::-1] for ring in rings], [own[::-1] for own in uv]
-            self._faces.add(owner, rings, texture=texture, uv=uv, color=color)
+            try:
+                self._add_face(polygon, turned)
+            except ValueError as error:
+                reason = "coordinates that are no places"
+                self._damage = self._damage or f"{self._path}: object {name}: {error}"
+                self._faces.cut_back(mark)
+                break
+        if reason is not None:
+            self._ledger.note("left out", f"building: {reason}", name)
+            return False
+        self._names.append(name)
+        return True
+
+    def _add_face(self, polygon: ElementTree.Element, turned: bool) -> None:
+        rings, ids = self._rings(polygon)
+        texture, coordinates, color = self._looks.get(gml_id(polygon), (None, {}, None))
+        uv = []
+        if texture is not None:
+            for ring, id_ in zip(rings, ids, strict=True):
+                pairs = np.array(coordinates.get(id_, [])).reshape(-1)
+                own = pairs[: len(pairs) // 2 * 2].reshape(-1, 2)
+                if len(own) != len(ring):
+                    own = np.empty((0, 2))
+                uv.append(list(range(len(self._uv), len(self._uv) + len(own))))
+                self._uv += own.tolist()
+        if turned:
+            rings, uv = [ring[::-1] for ring in rings], [own[::-1] for own in uv]
+        self._faces.add(len(self._names), rings, texture=texture, uv=uv, color=color)
 
     def add_ground(self, name: str, member: ElementTree.Element, *, relief: bool) -> None:
         """All polygons of a feature that lies on the ground; what covers the ground tells nothing where it has a relief."""
         faces = self._relief if relief else self._cover
-        for polygon in (one for one in member.iter() if _local(one) in ("Polygon", "Triangle")):
-            faces.add(0, self._rings(polygon, name)[0])
+        for polygon in (one for one in member.iter() if local_name(one) in ("Polygon", "Triangle")):
+            try:
+                faces.add(0, self._rings(polygon)[0])
+            except ValueError:
+                self._ledger.note("left out", "ground: coordinates that are no places", name)
 
-    def layer(self, ids: dict[str, int], crs: pyproj.CRS | None) -> ModelLayer:
-        """The model; axes are exchanged where the CRS says latitude, or northing, first."""
+    def layer(self, crs: pyproj.CRS | None) -> ModelLayer:
+        """The model; axes are exchanged where the CRS says latitude, or northing, first.
+
+        Raises:
+            CityError: no building is left, and one was damaged.
+        """
+        if not self._names and self._damage is not None:
+            raise CityError(self._damage)
         points = np.array(self._points, dtype=np.float64).reshape(-1, 3)
         if (
             crs is not None
@@ -318,25 +285,31 @@ class _Surfaces:
             points = points[:, [1, 0, 2]]
         uv = np.array(self._uv, dtype=np.float64).reshape(-1, 2)
         meshes = self._faces.meshes(points, uv)
-        items = tuple(RawModel(name, meshes[owner]) for name, owner in ids.items() if owner in meshes)
-        for name in (name for name, owner in ids.items() if owner not in meshes):
+        items = tuple(RawModel(name, meshes[owner]) for owner, name in enumerate(self._names) if owner in meshes)
+        for name in (name for owner, name in enumerate(self._names) if owner not in meshes):
             self._ledger.note("left out", "building: no surface with an area", name)
         ground = self._relief if len(self._relief) else self._cover
         terrain = ground.meshes(points, np.empty((0, 2))).get(0)
         return ModelLayer(str(self._path), items, crs, self._shelf.textures(), terrain)
 
-    def _rings(self, polygon: ElementTree.Element, name: str) -> tuple[list[list[int]], list[str]]:
-        """Places of the points of a polygon's rings, outer first, and the rings' ids."""
+    def _rings(self, polygon: ElementTree.Element) -> tuple[list[list[int]], list[str]]:
+        """Places of the points of a polygon's rings, outer first, and the rings' ids.
+
+        Raises:
+            ValueError: they are no places.
+        """
         rings, ids = [], []
-        for ring in (one for one in polygon.iter() if _local(one) == "LinearRing"):
-            texts = [one.text or "" for one in ring.iter() if _local(one) in ("posList", "pos", "coordinates")]
-            numbers = _numbers(" ".join(texts).replace(",", " "), self._path, f"object {name}")
+        for ring in (one for one in polygon.iter() if local_name(one) == "LinearRing"):
+            texts = [one.text or "" for one in ring.iter() if local_name(one) in ("posList", "pos", "coordinates")]
+            text = " ".join(texts).replace(",", " ")
+            try:
+                numbers = [float(word) for word in text.split()]
+            except ValueError as error:
+                raise ValueError(f"numbers expected, found {text[:40]!r}") from error
             if len(numbers) % 3 or not (np.abs(numbers) < _FARTHEST).all():
-                raise CityError(
-                    f"{self._path}: object {name}: points of three finite numbers expected, found {len(numbers)}"
-                )
+                raise ValueError(f"points of three finite numbers expected, found {len(numbers)}")
             rings.append([self._place(tuple(numbers[i : i + 3])) for i in range(0, len(numbers), 3)])
-            ids.append(_id(ring))
+            ids.append(gml_id(ring))
         return rings, ids
 
     def _place(self, point: tuple[float, ...]) -> int:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mmi.city.model import PAINTED, PLAIN
-from mmi.reading.models.faces import Faces, triangulate_faces
+from mmi.reading.city_models.faces import Faces, triangulate_faces
 
 
 def star(points, radii, turn=0.0):

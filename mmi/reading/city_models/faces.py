@@ -37,6 +37,16 @@ class Faces:
     def __len__(self) -> int:
         return len(self._owners)
 
+    def mark(self) -> tuple[int, int, int]:
+        """How much there is, for ``cut_back``."""
+        return len(self._points), len(self._ring_lengths), len(self._owners)
+
+    def cut_back(self, mark: tuple[int, int, int]) -> None:
+        """Forget the faces that came after ``mark`` was taken."""
+        points, rings, faces = mark
+        del self._points[points:], self._uv[points:], self._ring_lengths[rings:]
+        del self._ring_counts[faces:], self._owners[faces:], self._looks[faces:]
+
     def add(
         self,
         owner: int,

@@ -24,8 +24,20 @@ from shapely.geometry import LineString
 
 from mmi.city.model import TriangleMesh
 from mmi.foundation.errors import CityError
+from mmi.reading.city_models.cityjson_parts import (
+    DAMAGE,
+    color_of,
+    families_of,
+    level_of,
+    line_of,
+    points_of,
+    surfaces_of,
+    theme_values,
+    worth_of,
+)
+from mmi.reading.city_models.faces import Color, Faces
 from mmi.reading.coordinates import named_crs
-from mmi.reading.models.faces import Color, Faces
+from mmi.reading.names import UniqueNames
 from mmi.reading.pictures import PictureShelf, file_beside
 from mmi.reading.raw_layers import ModelLayer, RawModel, RawStreet
 from mmi.reading.report import Ledger
@@ -45,8 +57,6 @@ _DEPTH = MappingProxyType({"MultiSurface": 1, "CompositeSurface": 1, "Solid": 2,
 _HEAD = 4096
 _FARTHEST = 1e9
 """Coordinates beyond this are no place on earth in any units."""
-_DAMAGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, RecursionError)
-"""What Python raises on JSON of another shape than expected."""
 
 
 def is_cityjson(path: Path) -> bool:
@@ -76,8 +86,10 @@ def read_cityjson(path: Path, ledger: Ledger, *, lod: str | None = None, crs: py
             reader.begin(document)
             for feature in features:
                 reader.take(feature)
-        except _DAMAGE as error:
-            raise CityError(f"{path}: CityJSON of its specification expected, found other ({_line(error)})") from error
+        except DAMAGE as error:
+            raise CityError(
+                f"{path}: CityJSON of its specification expected, found other ({line_of(error)})"
+            ) from error
     return reader.layer()
 
 
@@ -92,7 +104,7 @@ def _documents(path: Path) -> Iterator[tuple[dict[str, Any], Iterator[dict[str, 
             if len(lines) < 2:
                 raise
     except (ValueError, RecursionError) as error:
-        raise CityError(f"{path}: CityJSON expected, found damaged JSON ({_line(error)})") from error
+        raise CityError(f"{path}: CityJSON expected, found damaged JSON ({line_of(error)})") from error
     if not all(isinstance(line, dict) for line in lines):
         raise CityError(f"{path}: CityJSON objects expected, found other JSON")
     first = lines[0]
@@ -109,11 +121,14 @@ class _Reader:
         self._points: list[NDArray[np.float64]] = [np.empty((0, 3))]
         self._uv: list[NDArray[np.float64]] = [np.empty((0, 2))]
         self._count, self._uv_count = 0, 0
-        self._ids: dict[str, int] = {}
+        self._owners: dict[str, int] = {}
+        self._names = UniqueNames()
+        self._damage: str | None = None
         self._ground = Faces()
         self._cover = Faces()
         self._streets: list[RawStreet] = []
         self._scale, self._translate = np.ones(3), np.zeros(3)
+        self._no_places: frozenset[int] = frozenset()
         self._crs: pyproj.CRS | None = None
         self._images: dict[str, int | None] = {}
         self._textures: list[int | None] = []
@@ -126,7 +141,7 @@ class _Reader:
             try:
                 self._scale = np.array([float(one) for one in transform["scale"]]).reshape(3)
                 self._translate = np.array([float(one) for one in transform["translate"]]).reshape(3)
-            except _DAMAGE as error:
+            except DAMAGE as error:
                 raise CityError(f"{self._path}: transform: scale and translate expected, three numbers each") from error
         self._crs = self._declared_crs(document.get("metadata") or {})
 
@@ -136,40 +151,28 @@ class _Reader:
         if not isinstance(objects, dict):
             raise CityError(f"{self._path}: CityObjects expected, found {type(objects).__name__}")
         self._appearance(feature.get("appearance") or {})
-        try:
-            points = np.array(feature.get("vertices") or np.empty((0, 3)), dtype=np.float64)
-            if points.ndim != 2 or points.shape[1] != 3:
-                raise ValueError(f"found an array of shape {points.shape}")
-        except _DAMAGE as error:
-            raise CityError(f"{self._path}: vertices: lists of three numbers expected ({_line(error)})") from error
+        points = points_of(feature.get("vertices"))
         with np.errstate(over="ignore", invalid="ignore"):
             points = points * self._scale + self._translate
-        if not (np.abs(points) < _FARTHEST).all():
-            raise CityError(f"{self._path}: vertices: finite numbers expected, below {_FARTHEST:g}")
+            self._no_places = frozenset(np.flatnonzero(~(np.abs(points) < _FARTHEST).all(axis=1)).tolist())
+        points[list(self._no_places)] = 0.0
         self._points.append(points)
-        for name, one in objects.items():
-            if not isinstance(one, dict):
-                raise CityError(f"{self._path}: object {name}: a JSON object expected, found {type(one).__name__}")
-        families: dict[str, list[str]] = {}
-        parents = _parents(objects)
-        for name in objects:
-            families.setdefault(_family(name, parents), []).append(name)
-        for family, members in families.items():
-            try:
-                self._take_family(family, [(name, objects[name]) for name in members], len(points))
-            except _DAMAGE as error:
-                raise CityError(
-                    f"{self._path}: object {family}: geometry as CityJSON describes it expected, found other"
-                    f" ({_line(error)})"
-                ) from error
+        for family, members in families_of(objects).items():
+            self._take_sound_family(family, [(name, objects[name]) for name in members], len(points))
         self._count += len(points)
 
     def layer(self) -> ModelLayer:
-        """What was collected."""
+        """What was collected.
+
+        Raises:
+            CityError: no building is left, and an object was damaged.
+        """
+        if not self._owners and self._damage is not None:
+            raise CityError(self._damage)
         points, uv = np.concatenate(self._points), np.concatenate(self._uv)
         meshes = self._faces.meshes(points, uv)
         items = []
-        for name, owner in self._ids.items():
+        for name, owner in self._owners.items():
             if owner in meshes:
                 items.append(RawModel(name, meshes[owner]))
             else:
@@ -181,6 +184,23 @@ class _Reader:
         )
 
     # ------------------------------------------------------------------------------------------------- objects
+
+    def _take_sound_family(self, family: str, members: list[tuple[str, dict[str, Any]]], vertices: int) -> None:
+        """A family; where something is wrong with it, nothing of it, and a note."""
+        tables = (self._faces, self._ground, self._cover)
+        marks, streets = [one.mark() for one in tables], len(self._streets)
+        try:
+            self._take_family(family, members, vertices)
+        except DAMAGE as error:
+            for table, mark in zip(tables, marks, strict=True):
+                table.cut_back(mark)
+            del self._streets[streets:]
+            self._damage = self._damage or (
+                f"{self._path}: object {family}: geometry as CityJSON describes it expected, found other ({line_of(error)})"
+            )
+            kinds = {one.get("type") for _, one in members if isinstance(one, dict)}
+            what = "building" if any(isinstance(kind, str) and kind in _BUILDING for kind in kinds) else "object"
+            self._ledger.note("left out", f"{what}: geometry that is not as CityJSON describes it", family)
 
     def _take_family(self, family: str, members: list[tuple[str, dict[str, Any]]], vertices: int) -> None:
         kinds = {one["type"].lstrip("+") for _, one in members}
@@ -205,7 +225,7 @@ class _Reader:
         choices = [
             geometry for _, one in members for geometry in one.get("geometry") or [] if geometry["type"] in _DEPTH
         ]
-        levels = sorted({_level(geometry) for geometry in choices if _level(geometry) >= 1.0})
+        levels = sorted({level_of(geometry) for geometry in choices if level_of(geometry) >= 1.0})
         if not levels:
             other = any(one.get("geometry") for _, one in members)
             self._ledger.note("left out", f"building: {'only footprints' if other else 'no geometry'}", family)
@@ -217,32 +237,37 @@ class _Reader:
             if not float(self._lod) <= wanted <= limit:
                 self._ledger.note("noted", f"building: no level of detail {self._lod}, taken at another", family)
         whole = any(
-            name == family and geometry["type"] in _DEPTH and _level(geometry) == wanted
+            name == family and geometry["type"] in _DEPTH and level_of(geometry) == wanted
             for name, one in members
             for geometry in one.get("geometry") or []
         )
-        if family in self._ids:
-            raise CityError(f"{self._path}: object {family}: an id of its own expected, found it twice")
-        owner = self._ids.setdefault(family, len(self._ids))
+        owner = len(self._owners)
         for name, one in members:
             own = [geometry for geometry in one.get("geometry") or [] if geometry["type"] in _DEPTH]
             level = wanted
             if name != family and not whole:
                 # A part at lower levels only is not shown by anything else, unlike its parent.
-                below = [found for found in map(_level, own) if 1.0 <= found <= wanted]
+                below = [found for found in map(level_of, own) if 1.0 <= found <= wanted]
                 level = max(below, default=wanted)
-            at_level = [geometry for geometry in own if _level(geometry) == level]
+            at_level = [geometry for geometry in own if level_of(geometry) == level]
             if at_level:
-                self._add(self._faces, owner, max(at_level, key=_worth), vertices, looks=True)
+                self._add(self._faces, owner, max(at_level, key=worth_of), vertices, looks=True)
+        own_name = self._names.free(family)
+        self._names.take(own_name)
+        self._owners[own_name] = owner
+        self._ledger.note("repaired", "repeated id made unique", own_name, count=int(own_name != family))
 
     def _add(self, faces: Faces, owner: int, geometry: Mapping[str, Any], vertices: int, *, looks: bool) -> None:
         depth = _DEPTH[geometry["type"]]
-        surfaces = list(_surfaces(geometry["boundaries"], depth))
-        textures = _values(geometry.get("texture"), depth, len(surfaces)) if looks else None
-        materials = _values(geometry.get("material"), depth, len(surfaces)) if looks else None
+        surfaces = list(surfaces_of(geometry["boundaries"], depth))
+        textures = theme_values(geometry.get("texture"), depth, len(surfaces)) if looks else None
+        materials = theme_values(geometry.get("material"), depth, len(surfaces)) if looks else None
         every = list(chain.from_iterable(chain.from_iterable(surfaces)))
         if every and not (set(map(type, every)) == {int} and min(every) >= 0 and max(every) < vertices):
             raise ValueError(f"vertex {str(max(every))[:20]} of {vertices}")
+        if self._no_places and not self._no_places.isdisjoint(every):
+            first = min(self._no_places.intersection(every))
+            raise ValueError(f"vertices: {first}: three finite numbers expected, below {_FARTHEST:g}")
         if self._count:  # points of features that came before
             surfaces = [[[self._count + k for k in ring] for ring in surface] for surface in surfaces]
         if not (textures or materials):
@@ -260,7 +285,8 @@ class _Reader:
             return None, []
         place = value[0][0]
         if not (isinstance(place, int) and 0 <= place < count):
-            raise ValueError(f"texture {place} of {count}")
+            self._ledger.note("noted", "texture that is not there: its face is painted", str(place)[:20])
+            return None, []
         known = len(self._uv[-1])
         uv = [[self._uv_count + int(k) for k in ring[1:] if k is not None and 0 <= k < known] for ring in value]
         return self._textures[place], uv
@@ -270,7 +296,7 @@ class _Reader:
         lines = [
             LineString(points[line, :2])
             for line in geometry["boundaries"]
-            if len(line) > 1 and all(0 <= k < vertices for k in line)
+            if len(line) > 1 and all(0 <= k < vertices for k in line) and self._no_places.isdisjoint(line)
         ]
         tags = {str(key): str(value) for key, value in (one.get("attributes") or {}).items() if value is not None}
         self._ledger.note("read", "streets")
@@ -288,19 +314,20 @@ class _Reader:
         return named_crs(f"{self._path}: referenceSystem", str(system), self._fallback)
 
     def _appearance(self, appearance: Mapping[str, Any]) -> None:
-        """Pictures, colours and texture coordinates of a document or feature."""
+        """Pictures, colours and texture coordinates of a document or feature; none, and a note, where they are damaged."""
         self._uv_count += len(self._uv[-1])
         try:
             table = appearance.get("vertices-texture") or appearance.get("vertex-texture") or np.empty((0, 2))
-            self._uv.append(np.array(table, dtype=np.float64))
-            if self._uv[-1].shape != (len(table), 2) or not np.isfinite(self._uv[-1]).all():
-                raise ValueError("vertices-texture: pairs of finite numbers")
-            self._textures = [self._picture(str(one["image"])) for one in appearance.get("textures") or []]
-            self._materials = [_color(one.get("diffuseColor")) for one in appearance.get("materials") or []]
-        except _DAMAGE as error:
-            raise CityError(
-                f"{self._path}: appearance: as CityJSON describes it expected, found other ({_line(error)})"
-            ) from error
+            uv = np.array(table, dtype=np.float64)
+            if uv.shape != (len(table), 2):
+                raise ValueError("vertices-texture: pairs of numbers")
+            textures = [self._picture(str(one["image"])) for one in appearance.get("textures") or []]
+            materials = [color_of(one.get("diffuseColor")) for one in appearance.get("materials") or []]
+        except DAMAGE as error:
+            self._ledger.note("left out", "appearance: not as CityJSON describes it", line_of(error))
+            uv, textures, materials = np.empty((0, 2)), [], []
+        self._uv.append(uv)
+        self._textures, self._materials = textures, materials
 
     def _picture(self, image: str) -> int | None:
         """The texture of a picture beside the file, or in its folder of appearances; None, and a note, where there is none."""
@@ -312,86 +339,3 @@ class _Reader:
             else:
                 self._images[image] = self._shelf.place(file.read_bytes(), image, alpha=True)
         return self._images[image]
-
-
-def _line(error: BaseException) -> str:
-    """What the error says, in one short line."""
-    return " ".join(str(error).split())[:160]
-
-
-def _parents(objects: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
-    """Parts and what they are parts of. Groups are no wholes; the oldest files tell a whole its parts only."""
-    found: dict[str, str] = {}
-    for name, one in objects.items():
-        if one.get("type") != "CityObjectGroup":
-            for key in ("children", "Parts", "Installations"):
-                found |= dict.fromkeys(one.get(key) or [], name)
-    for name, one in objects.items():
-        own = one.get("parents") or [one.get("parent")]
-        for parent in own if isinstance(own, list) else []:
-            if isinstance(parent, str) and parent in objects and objects[parent].get("type") != "CityObjectGroup":
-                found[name] = parent
-                break
-    return found
-
-
-def _family(name: str, parents: Mapping[str, str]) -> str:
-    """The first-level object that ``name`` belongs to."""
-    seen = {name}
-    while name in parents and parents[name] not in seen:
-        name = parents[name]
-        seen.add(name)
-    return name
-
-
-def _level(geometry: Mapping[str, Any]) -> float:
-    """The level of detail as a number, 2 where it cannot be read."""
-    try:
-        return float(geometry.get("lod", 2))
-    except (TypeError, ValueError):
-        return 2.0
-
-
-def _worth(geometry: Mapping[str, Any]) -> tuple[bool, bool, bool]:
-    """Rank of a geometry among those of one level: those with pictures first, then closed ones, then those with colours."""
-    return bool(geometry.get("texture")), geometry["type"] != "MultiSurface", bool(geometry.get("material"))
-
-
-def _surfaces(boundaries: list[Any], depth: int) -> Iterator[list[list[int]]]:
-    """The surfaces of nested boundaries, outer shells only."""
-    if depth == 1:
-        yield from boundaries
-    elif depth == 2:
-        if boundaries:
-            yield from boundaries[0]
-    else:
-        for solid in boundaries:
-            yield from _surfaces(solid, 2)
-
-
-def _values(themes: Any, depth: int, count: int) -> list[Any] | None:  # noqa: ANN401
-    """What the first theme says of each surface, None where it says nothing (of this shape).
-
-    A theme has ``values`` nested like the boundaries, or one ``value`` for all; the oldest files have the values alone.
-    """
-    if not themes:
-        return None
-    theme = next(iter(themes.values())) if isinstance(themes, dict) else {"values": themes}
-    if "value" in theme:
-        return [theme["value"]] * count
-    values = theme.get("values")
-    if not isinstance(values, list):
-        return None
-    try:
-        flat = list(_surfaces(values, depth))
-    except TypeError:
-        return None
-    return flat if len(flat) == count else None
-
-
-def _color(value: Any) -> Color | None:  # noqa: ANN401
-    """sRGB bytes of a diffuse colour in [0, 1]."""
-    if value is None:
-        return None
-    red, green, blue = (round(255 * min(max(float(one), 0.0), 1.0)) for one in value[:3])
-    return red, green, blue
