@@ -22,6 +22,8 @@ _LOWEST, _HIGHEST = 0.5, 1.7
 """Metres above the ground: what ends below the first or begins above the second can be walked over or under."""
 _PUSHES = 6
 _EPSILON = 1e-6
+_TOUCHING = 1e-3
+"""Metres from a wall below which somebody is in it."""
 _SEARCHED = 50.0
 """Metres around a viewer inside of a building within which buildings stand in its way out."""
 
@@ -51,8 +53,8 @@ class Walls:
         return min(2.0 * RADIUS, float(_distances(near, point)[0].min(initial=math.inf)))
 
     def freed(self, point: tuple[float, float]) -> tuple[float, float]:
-        """The point itself, or where it is within a building the nearest place outside of all."""
-        if not self.inside(point):
+        """The point itself, or where it is within a building or a wall the nearest place outside of all."""
+        if not self.inside(point) and self.clearance(point) >= _TOUCHING:
             return point
         here = shapely.points(*point)
         reach = _SEARCHED

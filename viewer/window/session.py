@@ -213,7 +213,12 @@ class Session:
             self.pictures.unsettle()
         if mail.look.mode != before.look.mode:
             self._blinked = False
-        self.frozen = (self.frozen or self.walker.pose) if mail.look.freeze else None
+        if mail.look.freeze:
+            self.frozen = self.frozen or self.walker.pose
+        elif self.frozen is not None:  # back to where the flight began
+            frozen, self.frozen = self.frozen, None
+            if not mail.look.fly and mail.put is None:
+                self._put(frozen)
 
     def _pass_time(self, mail: Mail, now: float) -> None:
         """Move the walker by the time since the last frame."""
