@@ -111,7 +111,7 @@ class Session:
         picture = self.pictures.draw(look, seen)
         self._jumped = False
         frames, composing = self.pictures.drawn, self.pictures.composing
-        cell = next((one.plan.place for _, one in frames if one.plan.place), "") or self._cell()
+        cell = next((one.plan.place for _, one in frames if one.plan.place), "") or self.cell
         self.number += 1
         self._shown_still = self._still
         self.failed = False
@@ -271,6 +271,8 @@ class Session:
         pose = self.walker.pose
         return Pose((x, y, self.streets.ground((x, y)) + EYE_HEIGHT), pose.azimuth, 0.0)
 
-    def _cell(self) -> str:
+    @property
+    def cell(self) -> str:
+        """The cell that the viewer is in, or the nearest one."""
         eye = np.array(self.walker.pose.eye)
         return self.stage.main.whereabouts.cell_at(eye, current=None)

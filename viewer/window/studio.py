@@ -17,11 +17,9 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Any
 
@@ -29,8 +27,8 @@ from mmi.dataset.reading import open_dataset
 from mmi.foundation.errors import DatasetError, ParameterError
 from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import MAIN
-from viewer.window.commands import Command, Film, Save, WalkCommand
-from viewer.window.filming import Filming
+from viewer.window.answering import Answers, Told
+from viewer.window.commands import Command, WalkCommand
 from viewer.window.mailbox import Mailbox
 from viewer.window.options import SINGLE, StudioClosedError, StudioFullError, StudioOptions
 from viewer.window.session import Session, ShownFrame
@@ -40,23 +38,6 @@ __all__ = ["Studio", "StudioClosedError", "StudioFullError", "StudioOptions"]
 
 _MOST_WAITING = 8
 """Futures of one client that wait for frames or answers at a time."""
-_FILMED = 150.0
-"""Metres of a tour that is filmed."""
-_TELLING = 10
-"""Frames of a film after which its client hears how far it is."""
-
-_Told = Callable[[int, int], None]
-"""Is told (done, of all) while something takes longer, by the thread that draws."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Job:
-    """A film that a client has asked for."""
-
-    client: str
-    filming: Filming
-    future: Future[dict[str, Any]]
-    told: _Told | None
 
 
 @dataclass(slots=True, eq=False)
@@ -66,7 +47,7 @@ class _Seat:
     mailbox: Mailbox
     session: Session | None = None
     frames: deque[Future[ShownFrame]] = field(default_factory=deque)
-    answers: deque[tuple[Command, Future[dict[str, Any]], _Told | None]] = field(default_factory=deque)
+    answers: deque[tuple[Command, Future[dict[str, Any]], Told | None]] = field(default_factory=deque)
 
     def abandon(self) -> None:
         """Tell all who wait that nothing will come."""
@@ -99,12 +80,10 @@ class Studio:
             scenes[SINGLE] = open_scene(open_dataset(self.options.single_mesh), name=SINGLE, like=self.scene)
         self._streets = Streets(self.scene)
         self._stage = Stage(scenes, capacity=self.options.cache, samples=self.options.samples)
+        self._answers = Answers(self.scene, self._stage, self._streets, films=self.options.films)
         self._lock = threading.Condition()
         self._seats: dict[str, _Seat] = {}
         self._gone: list[Session] = []
-        self._filming: _Job | None = None
-        self._films = 0
-        self._own_films: TemporaryDirectory[str] | None = None
         self._film_next = False
         self._closed = False
         self._ready: Future[None] = Future()
@@ -124,12 +103,7 @@ class Studio:
     @property
     def films(self) -> Path:
         """The folder that films are in."""
-        if self.options.films is not None:
-            return self.options.films
-        with self._lock:
-            if self._own_films is None:
-                self._own_films = TemporaryDirectory(prefix="view-impostors-")
-            return Path(self._own_films.name)
+        return self._answers.films
 
     def close(self) -> None:
         """End the thread, and tell all who wait. Films of a folder of their own vanish."""
@@ -138,11 +112,10 @@ class Studio:
             self._lock.notify_all()
         if self._thread.is_alive():
             self._thread.join()
+        self._answers.close()
         for seat in self._seats.values():
             seat.abandon()
         self._seats.clear()
-        if self._own_films is not None:
-            self._own_films.cleanup()
 
     def about(self) -> dict[str, Any]:
         """What a page is told first."""
@@ -214,14 +187,14 @@ class Studio:
             self._lock.notify_all()
         return future
 
-    def answer(self, client: str, command: Command, told: _Told | None = None) -> Future[dict[str, Any]]:
+    def answer(self, client: str, command: Command, told: Told | None = None) -> Future[dict[str, Any]]:
         """The reply to a command that has one. ``told`` hears how far that is. Raises ParameterError as :meth:`tell`."""
         with self._lock:
             future = self._queue(self._seat(client), command, told)
             self._lock.notify_all()
         return future
 
-    def _queue(self, seat: _Seat, command: Command, told: _Told | None) -> Future[dict[str, Any]]:
+    def _queue(self, seat: _Seat, command: Command, told: Told | None) -> Future[dict[str, Any]]:
         if len(seat.answers) >= _MOST_WAITING:
             raise ParameterError(f"at most {_MOST_WAITING} replies to be asked for at a time")
         future: Future[dict[str, Any]] = Future()
@@ -248,8 +221,7 @@ class Studio:
                     while self._turn():
                         pass
                 finally:
-                    if self._filming is not None:
-                        self._film()  # which gives it up
+                    self._answers.end_film()
         except BaseException as error:
             if not self._ready.done():
                 self._ready.set_exception(error)
@@ -267,8 +239,8 @@ class Studio:
                 if self._closed:
                     return False
                 gone, self._gone = self._gone, []
-                found = None if self._film_next and self._filming is not None else self._next()
-                if gone or found is not None or self._filming is not None:
+                found = None if self._film_next and self._answers.filming else self._next()
+                if gone or found is not None or self._answers.filming:
                     break
                 self._lock.wait(self._patience())
             if found is not None:  # to the end of the queue: others come first now
@@ -278,7 +250,7 @@ class Studio:
             session.close()
         self._film_next = found is not None  # a film and those who look on take turns
         if found is None:
-            self._film()
+            self._answers.film(self._is_there)
             return True
         try:
             if seat.session is None:
@@ -287,13 +259,18 @@ class Studio:
             self._fail(seat, error)
             return True
         if answer is not None:
-            self._answer(found, seat, *answer)
+            assert seat.session is not None
+            self._answers.answer(seat.session, seat.mailbox.peek(), *answer)
         else:
             self._draw(seat)
         with self._lock:
             if self._seats.get(found) is not seat and seat.session not in self._gone and seat.session is not None:
                 self._gone.append(seat.session)  # it left meanwhile
         return True
+
+    def _is_there(self, client: str) -> bool:
+        with self._lock:
+            return client in self._seats and not self._closed
 
     def _next(self) -> str | None:
         now = time.perf_counter()
@@ -336,59 +313,6 @@ class Studio:
             waiting = seat.frames.popleft() if seat.frames else None
         if waiting is not None:
             _refuse(waiting, error)
-
-    def _answer(
-        self, client: str, seat: _Seat, command: Command, future: Future[dict[str, Any]], told: _Told | None
-    ) -> None:
-        """Answer a command, now or, where that takes longer, later."""
-        session = seat.session
-        if session is None or not future.set_running_or_notify_cancel():
-            return
-        try:
-            match command:
-                case WalkCommand():
-                    future.set_result(session.command(command))
-                case Save():
-                    shown = session.last or session.frame(seat.mailbox.take(), time.perf_counter())
-                    saved = ShownFrame(shown.picture, shown.header | {"saved": True})
-                    future.set_result({"type": "saved", "frame": saved})
-                case Film():
-                    self._begin_film(client, seat, future, told)
-                case _:
-                    raise ParameterError(f"a command that has an answer expected, found {type(command).__name__}")
-        except Exception as error:
-            future.set_exception(error)
-
-    def _begin_film(self, client: str, seat: _Seat, future: Future[dict[str, Any]], told: _Told | None) -> None:
-        if self._filming is not None:
-            raise ParameterError("one film at a time: one is being made already")
-        self._films += 1
-        path = self.films / f"{self.scene.dataset.path.name}-tour-{self._films}.mp4"
-        walk = self._streets.tour(_FILMED)
-        filming = Filming(client, self._stage, self._streets, seat.mailbox.peek(), walk, path)
-        self._filming = _Job(client, filming, future, told)
-
-    def _film(self) -> None:
-        """Go on with the film that is being made, if one is."""
-        job = self._filming
-        if job is None:
-            return
-        filming = job.filming
-        try:
-            with self._lock:
-                gone = self._closed or job.client not in self._seats
-            if gone:
-                raise StudioClosedError("nothing is filmed for this client any more")
-            more = filming.step()
-            if job.told is not None and (not more or filming.done % _TELLING == 0):
-                job.told(filming.done, filming.frames)
-            if not more:
-                self._filming = None
-                job.future.set_result({"type": "film", "url": f"/films/{filming.path.name}"})
-        except Exception as error:
-            self._filming = None
-            filming.abandon()
-            job.future.set_exception(error)
 
 
 def _refuse(future: Future[Any], error: Exception) -> None:
