@@ -54,7 +54,8 @@ class CacheReport:
 class CellCache:
     """Cells in memory: what is needed, and of the rest as much as fits into ``capacity`` bytes. Use as a context manager.
 
-    ``load`` reads a cell and runs in the background thread; what it raises is raised again by the next call here. Between
+    ``load`` reads a cell and runs in the background thread; what it raises is raised again by all later calls here, until
+    :meth:`recover`. Between
     pieces of its work it calls what it gets as second argument, which lets it rest unless a cell is waited for.
     ``size`` foretells what a cell takes.
     """
@@ -124,6 +125,12 @@ class CellCache:
             self._raise_failure()
             there = {*self._bytes, *self._arrived, self._loading}
             self._wanted = [cell for cell in target if cell not in there]
+            self._lock.notify_all()
+
+    def recover(self) -> None:
+        """Forget what loading raised, and go on with what is wanted without it."""
+        with self._lock:
+            self._failure = None
             self._lock.notify_all()
 
     def require(self, cells: Iterable[CellKey], *, counted: bool = True) -> float:

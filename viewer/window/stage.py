@@ -6,7 +6,8 @@ A renderer and a cache of cells belong to one thread, which makes a :class:`Stag
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from types import TracebackType
@@ -15,8 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.foundation.camera import Camera, View
+from mmi.foundation.errors import DatasetError
 from mmi.walks.walk import Pose, Walk
-from viewer.cells.scene_cache import cell_cache, foretold_bytes
+from viewer.cells.cell_cache import CellCache
+from viewer.cells.loaded_cell import LoadedCell, load_cell
+from viewer.cells.scene_cache import foretold_bytes
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
 from viewer.drawing.style import Style, layer_names
@@ -30,6 +34,8 @@ from viewer.window.motion import EYE_HEIGHT
 
 __all__ = ["Painting", "Share", "Stage", "Streets", "window_camera"]
 
+_AGAIN = 3.0
+"""Seconds after which a cell that could not be read is tried again."""
 _SPEED = 4.0
 """Metres a second of a tour."""
 
@@ -45,7 +51,8 @@ class Stage:
         mesh = self.main.mesh
         kept = mesh.positions.nbytes + mesh.uv.nbytes + mesh.colors.nbytes + mesh.triangles.nbytes
         self._triangle_bytes = kept / max(len(mesh.triangles), 1)
-        self._sizes: dict[CellKey, int] = {}
+        self._sizes: dict[tuple[CellKey, bool], int] = {}
+        self._bad: dict[CellKey, tuple[float, DatasetError]] = {}
         self._wants: dict[str, tuple[tuple[CellKey, ...], tuple[CellKey, ...]]] = {}
 
     def __enter__(self) -> Stage:
@@ -63,8 +70,7 @@ class Stage:
                 )
             )
             self.costs: Costs = calibrated(self.renderer, main)
-            self.cells = cell_cache(self.scenes, self.renderer, measured=True, capacity=self._capacity)
-            stack.callback(lambda: self.cells.close())
+            self.cells = stack.enter_context(CellCache(self._load, self._size, self.renderer, capacity=self._capacity))
             self._stack = stack.pop_all()
         return self
 
@@ -73,24 +79,48 @@ class Stage:
     ) -> None:
         self._stack.close()
 
-    def renew_cells(self) -> None:
-        """Forget all cells, and that one could not be read: a cache that has failed does not recover."""
-        self.cells.close()
-        self.cells = cell_cache(self.scenes, self.renderer, measured=True, capacity=self._capacity)
-
     def share(self, name: str) -> Share:
         """A share in the cells, which counts as wanting what it wanted last until it is forgotten."""
         return Share(self, name)
 
-    def want(self, name: str, needed: Iterable[CellKey], ahead: Iterable[CellKey]) -> None:
-        """What the share of this name wants from now on, before what all others want."""
+    def want(self, name: str, needed: Sequence[CellKey], ahead: Sequence[CellKey]) -> None:
+        """What the share of this name wants from now on, before what all others want.
+
+        Raises DatasetError where a cell that it needs could not be read a moment ago.
+        """
         self._wants.pop(name, None)
         others = list(self._wants.values())
-        self._wants[name] = (tuple(needed), tuple(ahead))
-        mine = self._wants[name]
-        self.cells.want(
-            [cell for one in (mine, *others) for cell in one[0]], [cell for one in (mine, *others) for cell in one[1]]
-        )
+        for key in needed:
+            if key in self._damaged():
+                raise self._bad[key][1]
+        mine = self._wants[name] = (tuple(needed), tuple(ahead))
+        while True:
+            damaged = self._damaged()
+            wanted = [[key for one in (mine, *others) for key in one[i] if key not in damaged] for i in range(2)]
+            try:
+                return self.cells.want(*wanted)
+            except DatasetError:
+                self.cells.recover()
+                if self._damaged() & {*needed}:
+                    raise
+
+    def require(self, cells: Sequence[CellKey], *, counted: bool) -> float:
+        """Wait for cells; the seconds that took. Raises DatasetError where one of them cannot be read."""
+        while True:
+            try:
+                return self.cells.require([key for key in cells if key not in self._damaged()], counted=counted)
+            except DatasetError:
+                self.cells.recover()
+                if self._damaged() & {*cells}:
+                    raise
+
+    def spend(self, seconds: float) -> float:
+        """Upload what has arrived, for about as long; the seconds that took. What cannot be read does not matter here."""
+        try:
+            return self.cells.spend(seconds)
+        except DatasetError:
+            self.cells.recover()
+            return 0.0
 
     def forget(self, name: str) -> None:
         """A share wants nothing any more, and images that were captured for it go."""
@@ -107,10 +137,28 @@ class Stage:
             + self.renderer.image_bytes(share)
         )
 
+    def _load(self, key: CellKey, rest: Callable[[], None]) -> LoadedCell:
+        try:
+            return load_cell(self.scenes[key.dataset], key.cell, measured=True, rest=rest)
+        except DatasetError as error:
+            self._bad[key] = (time.monotonic(), error)
+            raise
+
+    def _size(self, key: CellKey) -> int:
+        return self._foretold(key, True)
+
+    def _damaged(self) -> set[CellKey]:
+        """The cells that could not be read, and are not tried again yet."""
+        now = time.monotonic()
+        return {key for key, (at, _) in self._bad.items() if now < at + _AGAIN}
+
+    def _foretold(self, key: CellKey, measured: bool) -> int:
+        if (key, measured) not in self._sizes:
+            self._sizes[key, measured] = foretold_bytes(self.scenes[key.dataset].dataset, key.cell, measured=measured)
+        return self._sizes[key, measured]
+
     def _cell_bytes(self, key: CellKey) -> int:
-        if key not in self._sizes:
-            self._sizes[key] = foretold_bytes(self.scenes[key.dataset].dataset, key.cell, measured=False)
-        return self._sizes[key]
+        return self._foretold(key, False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,15 +170,15 @@ class Share:
 
     def want(self, needed: Iterable[CellKey], ahead: Iterable[CellKey] = ()) -> None:
         """See :meth:`viewer.cells.cell_cache.CellCache.want`."""
-        self.stage.want(self.name, needed, ahead)
+        self.stage.want(self.name, tuple(needed), tuple(ahead))
 
     def require(self, cells: Iterable[CellKey], *, counted: bool = True) -> float:
         """See :meth:`viewer.cells.cell_cache.CellCache.require`."""
-        return self.stage.cells.require(cells, counted=counted)
+        return self.stage.require(tuple(cells), counted=counted)
 
     def spend(self, seconds: float) -> float:
         """See :meth:`viewer.cells.cell_cache.CellCache.spend`."""
-        return self.stage.cells.spend(seconds)
+        return self.stage.spend(seconds)
 
 
 @dataclass(slots=True)

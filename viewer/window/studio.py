@@ -24,7 +24,7 @@ from types import TracebackType
 from typing import Any
 
 from mmi.dataset.reading import open_dataset
-from mmi.foundation.errors import DatasetError, ParameterError
+from mmi.foundation.errors import ParameterError
 from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import MAIN
 from viewer.window.answering import Answers, Told
@@ -307,8 +307,6 @@ class Studio:
 
     def _fail(self, seat: _Seat, error: Exception) -> None:
         """Tell whoever waits for a frame what went wrong."""
-        if isinstance(error, DatasetError):
-            self._stage.renew_cells()
         with self._lock:
             waiting = seat.frames.popleft() if seat.frames else None
         if waiting is not None:

@@ -165,6 +165,16 @@ def test_a_damaged_cell_is_told_to_whoever_asks_next(made):
         cache.want([key("a")])
 
 
+def test_after_a_damaged_cell_others_can_be_had(made):
+    cache, _, _ = made
+    with pytest.raises(DatasetError, match="broken"):
+        cache.require([key("broken")])
+    cache.recover()
+    cache.want([key("a")])
+    cache.require([key("a")])
+    assert cache.holds(key("a"))
+
+
 def test_a_damaged_cell_ahead_is_told_as_well(made):
     cache, _, _ = made
     cache.want([], [key("broken")])
