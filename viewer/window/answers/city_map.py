@@ -21,11 +21,11 @@ __all__ = ["CityMap"]
 
 _TOLERANCE = 0.5
 """Metres that a simplified outline may be off."""
-_MOST_POINTS = 150_000
-"""So many points of outlines are told at most, some 2 MB."""
-_MOST_CELLS = 20_000
-_MOST_ENTRIES = 60_000
-"""So many objects of cells are told at most, some 2 MB: ids may be long."""
+_MOST_POINTS = 100_000
+"""So many points of outlines are told at most, some 1.5 MB."""
+_MOST_CELLS = 5_000
+_MOST_ENTRIES = 40_000
+"""So many objects of cells are told at most, some 1 MB: ids may be long."""
 
 
 class CityMap:
