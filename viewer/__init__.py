@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from viewer.runtime.calibration import calibrated
     from viewer.runtime.loop import FrameLoop, FrameTimes, replay
     from viewer.scene.scene import WalkScene, open_scene
+    from viewer.serving.notebook import show_in_notebook
     from viewer.techniques.catalogue import TECHNIQUES, make_technique
     from viewer.techniques.virtual_frames import FrameRules
     from viewer.walks.random_views import random_views
@@ -85,6 +86,7 @@ __all__ = [
     "random_views",
     "read_walk",
     "replay",
+    "show_in_notebook",
     "tour",
     "write_walk",
 ]
@@ -118,6 +120,7 @@ _HOMES = MappingProxyType(
         "viewer.runtime.calibration": ("calibrated",),
         "viewer.runtime.loop": ("FrameLoop", "FrameTimes", "replay"),
         "viewer.scene.scene": ("WalkScene", "open_scene"),
+        "viewer.serving.notebook": ("show_in_notebook",),
         "viewer.techniques.catalogue": ("TECHNIQUES", "make_technique"),
         "viewer.techniques.virtual_frames": ("FrameRules",),
         "viewer.walks.random_views": ("random_views",),
