@@ -16,8 +16,10 @@ from typing import Any
 
 from mmi.foundation.errors import ParameterError
 from viewer.scene.scene import WalkScene
+from viewer.window.answers.background import Background
+from viewer.window.answers.city_map import CityMap
 from viewer.window.answers.picking import Picker, seen_at
-from viewer.window.commands import Command, Film, Pick, Save, WalkCommand
+from viewer.window.commands import AskMap, Command, Film, Pick, Save, WalkCommand
 from viewer.window.filming import Filming
 from viewer.window.mailbox import Mail
 from viewer.window.options import StudioClosedError
@@ -52,6 +54,8 @@ class Answers:
         self._picker = Picker(scene)
         self._films = films
         self._own_films: TemporaryDirectory[str] | None = None
+        self._background = Background("map")
+        self._map: CityMap | None = None
         self._lock = threading.Lock()
         self._job: _Job | None = None
         self._made = 0
@@ -59,6 +63,7 @@ class Answers:
     def close(self) -> None:
         """Let go of everything."""
         self._picker.close()
+        self._background.close()
         if self._own_films is not None:
             self._own_films.cleanup()
 
@@ -92,6 +97,9 @@ class Answers:
                     future.set_result({"type": "saved", "frame": saved})
                 case Pick():
                     self._pick(session, command, future)
+                case AskMap():
+                    x, y, _ = session.walker.pose.eye
+                    _hand_on(self._background.submit(lambda: self._told_map((x, y))), future)
                 case Film():
                     self._begin_film(session, mail, future, told)
                 case _:
@@ -105,14 +113,14 @@ class Answers:
         seen = seen_at(frame.picture, view, column, command.y)
         cell = (frame.plan.place or session.cell) if session.inside else None
 
-        def told(found: Future[dict[str, Any]]) -> None:
-            error = found.exception()
-            if error is not None:
-                future.set_exception(error)
-            else:
-                future.set_result({"type": "picked", "x": command.x, "y": command.y, **found.result()})
+        told = {"type": "picked", "x": command.x, "y": command.y}
+        _hand_on(self._picker.explained(seen, cell), future, told)
 
-        self._picker.explained(seen, cell).add_done_callback(told)
+    def _told_map(self, around: tuple[float, float]) -> dict[str, Any]:
+        """In the background, since a large city takes a while."""
+        if self._map is None:
+            self._map = CityMap(self._scene, self._scene.dataset.city())
+        return {"type": "map", **self._map.told(around)}
 
     def _begin_film(self, session: Session, mail: Mail, future: Future[dict[str, Any]], told: Told | None) -> None:
         if self._job is not None:
@@ -146,3 +154,17 @@ class Answers:
     def end_film(self) -> None:
         """Give up the film that is being made, if one is."""
         self.film(lambda _: False)
+
+
+def _hand_on(found: Future[dict[str, Any]], future: Future[dict[str, Any]], more: dict[str, Any] | None = None) -> None:
+    """Let ``future`` have what is ``found``, and ``more``."""
+
+    def told(found: Future[dict[str, Any]]) -> None:
+        if found.cancelled():
+            future.set_exception(StudioClosedError("the viewer ends"))
+        elif (error := found.exception()) is not None:
+            future.set_exception(error)
+        else:
+            future.set_result({**(more or {}), **found.result()})
+
+    found.add_done_callback(told)

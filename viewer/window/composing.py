@@ -151,27 +151,31 @@ class Pictures:
         self.composing += clock.perf_counter() - start
         return picture
 
-    def measured_at(self, look: Look, seen: Seen, x: int) -> tuple[Frame, View, int]:
-        """The measured picture that column ``x`` of the window is of: its frame, the view that it was drawn from, and the
-        column in it. What is said of the last picture stays. Raises ParameterError for a column outside of the window.
+    def panel_at(self, look: Look, seen: Seen, x: int) -> Panel:
+        """The panel that column ``x`` of the window is in, the last one where there are several.
+
+        Raises ParameterError for a column outside of the window.
         """
         if not 0 <= x < seen.size[0]:
             raise ParameterError(f"a column of a window {seen.size[0]} pixels wide expected, found {x}")
         shown = Look(right=look.right, mode="one") if look.mode == "wrong" else look
-        panel = [one for one in panels(shown, seen.size, blinked=seen.blinked) if one.first <= x < one.end][-1]
-        width = seen.size[0] if panel.whole else panel.end - panel.first
+        return [one for one in panels(shown, seen.size, blinked=seen.blinked) if one.first <= x < one.end][-1]
+
+    def measured(self, technique: str, panel: Panel, look: Look, seen: Seen) -> tuple[Frame, View]:
+        """The measured picture of a technique as ``panel`` has it, whole, and the view that it was drawn from.
+
+        What is said of the last picture stays.
+        """
+        size = (seen.size[0] if panel.whole else panel.end - panel.first, seen.size[1])
         drawn, last = self.drawn, self._last
         self.drawn, self._last = [], []
         try:
-            whole = Panel(panel.technique, 0, width)
-            self._draw(
-                whole, None, Look(budget_ms=look.budget_ms), replace(seen, size=(width, seen.size[1])), measured=True
-            )
+            whole, plain = Panel(technique, 0, size[0]), Look(budget_ms=look.budget_ms)
+            self._draw(whole, None, plain, replace(seen, size=size), measured=True)
             frame = self.drawn[-1][1]
         finally:
             self.drawn, self._last = drawn, last
-        view = seen.pose.view(window_camera(self.stage.main.camera, (width, seen.size[1])))
-        return frame, view, x if panel.whole else x - panel.first
+        return frame, seen.pose.view(window_camera(self.stage.main.camera, size))
 
     def _wrong(self, look: Look, seen: Seen) -> NDArray[np.uint8]:
         truth = self._draw(Panel(REFERENCE, 0, seen.size[0]), None, look, seen, measured=True)

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 import time as clock
+from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,7 +21,9 @@ from mmi.foundation.camera import Camera, View
 from mmi.foundation.errors import ParameterError
 from mmi.walks.walk import Pose, Walk, walk_document
 from viewer.runtime.loop import Frame
+from viewer.techniques.catalogue import REFERENCE
 from viewer.walks.recording import Playing, Recording
+from viewer.window.answers.worst_region import WorstFinder, promised
 from viewer.window.commands import GoTo, PutAt, WalkCommand
 from viewer.window.composing import BLINK, Pictures, Seen
 from viewer.window.mailbox import Mail
@@ -44,6 +48,10 @@ class ShownFrame:
     header: dict[str, Any]
 
 
+def _nothing() -> None:
+    """Nobody waits."""
+
+
 @dataclass(slots=True, eq=False)
 class Session:
     """One viewer. ``client`` names it, ``mail`` is how it begins."""
@@ -63,6 +71,13 @@ class Session:
     number: int = 0
     failed: bool = False
     pictures: Pictures = field(init=False)
+    wake: Callable[[], None] = _nothing
+    """Is called, by any thread, when the session has become due."""
+    _finder: WorstFinder | None = None
+    _finding: bool = False
+    _asked: int = 0
+    _found: dict[str, Any] | None = None
+    _worst: dict[str, Any] | None = None
     _last: float | None = None
     _now: float = 0.0
     _jumped: bool = True
@@ -94,7 +109,7 @@ class Session:
             or not (held.nothing and self._shown_still)
         ):
             return now
-        if not self.pictures.settled:
+        if not self.pictures.settled or (self.mail.look.worst and self._found is not self._worst):
             return now
         return self._blink_since + BLINK if self.mail.look.mode == "blink" else None
 
@@ -139,15 +154,56 @@ class Session:
             "recording": self.recording is not None,
             "playing": None if self.playing is None else self.playing.kind,
             "frozen": self.frozen is not None,
-            "worst": None,
+            "worst": self._worst if look.worst else None,
+            "promised_px": self._promised(),
         }
         picture.setflags(write=False)
         self.last = ShownFrame(picture, header)
         return self.last
 
     def measured_at(self, x: int) -> tuple[Frame, View, int]:
-        """See :meth:`viewer.window.composing.Pictures.measured_at`."""
-        return self.pictures.measured_at(self.mail.look, self._seen(), x)
+        """The measured picture that column ``x`` of the window is of: its frame, the view that it was drawn from, and the
+        column in it. Raises ParameterError for a column outside of the window.
+        """
+        look, seen = self.mail.look, self._seen()
+        panel = self.pictures.panel_at(look, seen, x)
+        frame, view = self.pictures.measured(panel.technique, panel, look, seen)
+        return frame, view, x if panel.whole else x - panel.first
+
+    def find_worst(self) -> None:
+        """Have the worst region of the picture that is shown found, if somebody wants to know it and the viewer stands.
+
+        It is told with a later frame, which is due then.
+        """
+        look, seen = self.mail.look, self._seen()
+        if not (look.worst and self._shown_still and self.pictures.settled) or self._finding or self.frozen is not None:
+            return
+        self._finding = True
+        panel = self.pictures.panel_at(look, seen, seen.size[0] - 1)
+        truth, view = self.pictures.measured(REFERENCE, panel, look, seen)
+        shown, _ = self.pictures.measured(look.right, panel, look, seen)
+        promise = promised(self.stage.main, shown.plan.place or None, view)
+        if self._finder is None:
+            self._finder = WorstFinder()
+        future = self._finder.ask(truth.picture, shown.picture, view, promise)
+        number = self._asked = self._asked + 1
+        first = 0 if panel.whole else panel.first
+
+        def found(future: Future[dict[str, Any] | None]) -> None:
+            if future.cancelled() or future.exception() is not None or number != self._asked:
+                return
+            worst = future.result()
+            if worst is not None and worst["box"] is not None:
+                worst = {**worst, "box": [worst["box"][0] + first, *worst["box"][1:]]}
+            self._found = worst
+            self.wake()
+
+        future.add_done_callback(found)
+
+    def _forget_worst(self) -> None:
+        self._finding, self._found, self._asked = False, None, self._asked + 1
+        if self._finder is not None:
+            self._finder.give_up()
 
     def _seen(self) -> Seen:
         return Seen(self.walker.pose, self._now, self.mail.size, self.frozen, self.inside, self._jumped, self._blinked)
@@ -204,6 +260,8 @@ class Session:
     def close(self) -> None:
         """Let go of what the session has on the stage."""
         self.pictures.close()
+        if self._finder is not None:
+            self._finder.close()
 
     # ------------------------------------------------------------------------------------------------ what happens
 
@@ -211,6 +269,7 @@ class Session:
         before, self.mail = self.mail, mail
         if (mail.size, mail.look) != (before.size, before.look):
             self.pictures.unsettle()
+            self._forget_worst()
         if mail.look.mode != before.look.mode:
             self._blinked = False
         if mail.look.freeze:
@@ -256,6 +315,18 @@ class Session:
             self._blinked, self._blink_since = not self._blinked, now
         if not self._still:
             self.pictures.unsettle()
+            self._forget_worst()
+        self._worst = self._found
+
+    def _promised(self) -> dict[str, float | None] | None:
+        """What is promised of this view, pixels of the window; None for nothing."""
+        seen = self._seen()
+        if not seen.inside or seen.frozen is not None:
+            return None
+        found = promised(self.stage.main, self.cell, seen.pose.view(self.camera))
+        if found.thickness is None or found.displacement is None:
+            return None
+        return {"thickness": round(found.thickness, 2), "displacement": round(found.displacement, 2)}
 
     @property
     def _flies(self) -> bool:

@@ -24,7 +24,7 @@ from types import TracebackType
 from typing import Any
 
 from mmi.dataset.reading import open_dataset
-from mmi.foundation.errors import ParameterError
+from mmi.foundation.errors import MmiError, ParameterError
 from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import MAIN
 from viewer.window.answering import Answers, Told
@@ -122,6 +122,8 @@ class Studio:
         camera, parameters = self.scene.camera, self.scene.parameters
         manifest = self.scene.dataset.manifest
         pose = self._streets.start()
+        promises = [entry.promised_error_px for entry in manifest.cells]
+        promise = None if None in promises else max(one for one in promises if one is not None)
         indices = sorted({one.index for entry in manifest.cells for _, one in entry.pictures})
         return {
             "dataset": self.scene.dataset.path.name,
@@ -131,7 +133,7 @@ class Studio:
             "max_error_px": parameters.max_error_px,
             "cells": len(manifest.cells),
             "layers": indices,
-            "promise_px": {"thickness": parameters.max_error_px, "displacement": parameters.max_error_px},
+            "promise_px": {"thickness": promise, "displacement": promise},
             "pose": [*pose.eye, pose.azimuth, pose.pitch],
             "look": self.options.look.plain(),
             "credits": "© OpenStreetMap contributors" if ".osm" in manifest.city.source else "",
@@ -254,7 +256,7 @@ class Studio:
             return True
         try:
             if seat.session is None:
-                seat.session = Session(found, self._stage, self._streets, seat.mailbox.peek())
+                seat.session = Session(found, self._stage, self._streets, seat.mailbox.peek(), wake=self._wake)
         except Exception as error:
             self._fail(seat, error)
             return True
@@ -267,6 +269,10 @@ class Studio:
             if self._seats.get(found) is not seat and seat.session not in self._gone and seat.session is not None:
                 self._gone.append(seat.session)  # it left meanwhile
         return True
+
+    def _wake(self) -> None:
+        with self._lock:
+            self._lock.notify_all()
 
     def _is_there(self, client: str) -> bool:
         with self._lock:
@@ -304,6 +310,10 @@ class Studio:
             waiting = seat.frames.popleft() if seat.frames else None
         if waiting is not None and waiting.set_running_or_notify_cancel():
             waiting.set_result(frame)
+        try:
+            session.find_worst()
+        except MmiError:  # the frame was drawn: what is wrong with it is only not told
+            return
 
     def _fail(self, seat: _Seat, error: Exception) -> None:
         """Tell whoever waits for a frame what went wrong."""

@@ -14,7 +14,7 @@ import pytest
 from mmi.dataset.reading import open_dataset
 from mmi.foundation.errors import DatasetError, ParameterError
 from mmi.walks.walk import Pose
-from viewer.window.commands import Film, GoTo, Held, Input, LookChange, Pick, PutAt, Save, Size, WalkCommand
+from viewer.window.commands import AskMap, Film, GoTo, Held, Input, LookChange, Pick, PutAt, Save, Size, WalkCommand
 from viewer.window.session import Session
 from viewer.window.studio import Studio, StudioClosedError, StudioFullError, StudioOptions
 
@@ -344,3 +344,41 @@ def test_a_dataset_of_single_layers_beside_it(dataset, single):
         views = studio.ask("a").result(LONG).header["views"]
         assert [one["technique"] for one in views] == ["single-mesh", "multi-mesh"]
         assert all(one["stored"] > 0 for one in views)
+
+
+def test_the_map_has_all_buildings_and_cells(studio, join):
+    client = join("a")
+    found = studio.answer(client, AskMap()).result(LONG)
+    assert found["type"] == "map"
+    assert {one["id"] for one in found["footprints"]} == set(studio.scene.objects)
+    assert {one["id"] for one in found["cells"]} == {cell.id for cell in studio.scene.whereabouts.cells}
+
+
+def test_the_worst_region_is_told_when_the_viewer_stands(studio, join):
+    client = join("a")
+    studio.tell(client, LookChange({"mode": "side", "right": "local", "worst": True}))
+    shown = studio.ask(client).result(LONG)
+    assert shown.header["worst"] is None
+    while shown.header["worst"] is None:
+        shown = studio.ask(client).result(LONG)
+    worst = shown.header["worst"]
+    assert shown.header["still"]
+    x, y, width, height = worst["box"]
+    assert SIZE[0] // 2 <= x < x + width <= SIZE[0]  # in the right one's half
+    assert 0 <= y < y + height <= SIZE[1]
+    assert worst["thickness_px"] > 5.0  # local leaves out all that is far
+    _, waiting = settled(studio, client)
+    studio.tell(client, Input(1, Held(), (0.5, 0.0)))
+    assert waiting.result(LONG).header["worst"] is None
+    studio.tell(client, LookChange({"worst": False}))
+    last, _ = settled(studio, client)
+    assert last.header["worst"] is None
+
+
+def test_frames_say_what_is_promised_of_them(studio, join):
+    client = join("a", (256, 256))
+    shown = studio.ask(client).result(LONG)
+    assert shown.header["promised_px"]["displacement"] == pytest.approx(5.0)
+    studio.tell(client, LookChange({"fly": True}))
+    studio.tell(client, PutAt(Pose((0.0, 0.0, 50.0), 0.0, 0.0)))
+    assert studio.ask(client).result(LONG).header["promised_px"] is None
