@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from aiohttp import WSMsgType, web
 
+from mmi.appearance.layer_colors import layer_color
 from mmi.foundation.errors import MmiError, ParameterError
 from viewer.serving.encoding import Encoder, message
 from viewer.serving.pace import Allowance, Flow, Quality
@@ -74,6 +75,8 @@ class Client:
         self._publish, self._complain = publish, complain
         self._loop = asyncio.get_running_loop()
         self._flow, self._quality = Flow(), Quality()
+        self._way = 0.0
+        """Seconds that the last frame took from here to the client's screen, and the word of it back."""
         self._fixed: int | None = None
         self._lossless = False
         self._heard = asyncio.Event()
@@ -133,6 +136,7 @@ class Client:
                 seconds = self._flow.acknowledge(command.frame, now)
                 if seconds is not None:
                     self._quality.acknowledged(seconds)
+                    self._way = seconds
                     self._heard.set()
                 return
             case Size():
@@ -224,7 +228,9 @@ class Client:
                 self._studio.join(self._name, (self._size.width, self._size.height))
                 self._inside, self._said_at = True, self._loop.time()
                 try:
-                    await self._tell({"type": "hello", **self._studio.about()})
+                    about = self._studio.about()
+                    colors = {layer: layer_color(layer)[0] for layer in about["layers"]}
+                    await self._tell({"type": "hello", **about, "layer_colors": colors})
                     await self._send_frames()
                 finally:
                     self._inside = False
@@ -294,7 +300,7 @@ class Client:
                 "frame": self._flow.send(self._loop.time()),
                 "format": encoded.format,
                 "quality": None if lossless else quality,
-                "ms": {**shown.header["ms"], "encode": 1e3 * encoded.seconds},
+                "ms": {**shown.header["ms"], "encode": 1e3 * encoded.seconds, "way": 1e3 * self._way},
             }
             await self._socket.send_bytes(message({**shown.header, **more}, encoded.data))
 

@@ -23,7 +23,7 @@ function taken(event) {
 }
 
 /**
- * Listen on the picture and the page. `send(held, look, fast)` is called at most once for each frame of the screen;
+ * Listen on the picture and the page. `send(held, look, fast, since)` is called at most once for each frame of the screen, and at once for a key;
  * `act(code, event)` for other keys; `click(x, y)` with a place on the picture, CSS pixels; `radians()` is what a pixel of
  * dragging turns by; `used()` is called when somebody moves.
  */
@@ -34,6 +34,7 @@ export function controls(picture, stick, { send, act, click, radians, used }) {
   let thumb = { forward: 0, right: 0 };
   let sent = "";
   let waiting = 0;
+  let since = 0;             // when the first of what was not sent yet happened
 
   function held() {
     const sum = { forward: thumb.forward, right: thumb.right, up: 0, turn: 0, tilt: 0 };
@@ -66,17 +67,26 @@ export function controls(picture, stick, { send, act, click, radians, used }) {
     const state = JSON.stringify([sum, fast]);
     const moving = Object.values(sum).some((value) => value !== 0);
     if (state !== sent || look[0] !== 0 || look[1] !== 0) {
-      if (send(sum, [look[0], look[1]], fast)) {
+      if (send(sum, [look[0], look[1]], fast, since || performance.now())) {
         sent = state;
         if (moving || look[0] !== 0 || look[1] !== 0) used(moving);
       }
       look[0] = look[1] = 0;
     }
+    since = 0;
     if (pads().length) wake();
   }
 
-  function wake() {
+  function wake(event) {
+    since ||= event?.timeStamp ?? performance.now();
     if (!waiting) waiting = requestAnimationFrame(frame);
+  }
+
+  /** Say at once what is held: keys are few, and a picture is waited for. */
+  function tell(event) {
+    cancelAnimationFrame(waiting);
+    since ||= event.timeStamp;
+    frame();
   }
 
   function stop() {
@@ -88,7 +98,7 @@ export function controls(picture, stick, { send, act, click, radians, used }) {
     look[0] = look[1] = 0;
     const [sum, fast] = held();
     const state = JSON.stringify([sum, fast]);
-    if (state !== sent && send(sum, [0, 0], fast)) sent = state;  // at once: a page in the background has no frames
+    if (state !== sent && send(sum, [0, 0], fast, performance.now())) sent = state;  // at once: a page in the background has no frames
   }
 
   addEventListener("keydown", (event) => {
@@ -96,17 +106,17 @@ export function controls(picture, stick, { send, act, click, radians, used }) {
     if (WALKING[event.code] || event.code.startsWith("Shift")) {
       keys.add(event.code);
       if (WALKING[event.code]) event.preventDefault();
-      wake();
+      if (!event.repeat) tell(event);
     } else if (!event.repeat || event.key === "," || event.key === ".") {
       if (act(event)) event.preventDefault();
     }
   });
   addEventListener("keyup", (event) => {
-    if (keys.delete(event.code)) wake();
+    if (keys.delete(event.code)) tell(event);
   });
   addEventListener("blur", stop);
   document.addEventListener("visibilitychange", () => document.hidden && stop());
-  addEventListener("gamepadconnected", wake);
+  addEventListener("gamepadconnected", () => wake());
 
   picture.addEventListener("pointerdown", (event) => {
     if (event.button !== 0) return;
@@ -139,7 +149,7 @@ export function controls(picture, stick, { send, act, click, radians, used }) {
       look[1] += (event.clientY - one.y) * radians();
     }
     [one.x, one.y] = [event.clientX, event.clientY];
-    wake();
+    wake(event);
   });
   const release = (event) => {
     const one = pointers.get(event.pointerId);

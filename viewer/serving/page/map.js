@@ -5,13 +5,13 @@ const HERE = "#ffd166", PICKED = "#ff4f9a", NEAR = "#ffffff", UNSEEN = "#3a4250"
 const MOST_TRACE = 4000;
 
 export function map(box, canvas, key, { go, ask }) {
-  let city = null, number = 0, hello = null, colors = LAYERS, header = null, trace = [], waiting = 0, picked = null;
+  let city = null, number = 0, hello = null, colors = {}, header = null, trace = [], waiting = 0, picked = null;
   let view = { x: 0, y: 0, scale: 1 };      // the middle, metres, and pixels a metre
   let byHand = false;                        // moved or zoomed by hand: stays so until somebody walks on
   let base = null;                           // the city as it was drawn last, and around where and for what
   let asked = [0, 0];                        // where the map was asked for, which may be of a part of a large city
 
-  const layerColor = (layer) => colors[layer % colors.length];
+  const layerColor = (layer) => colors[layer] ?? LAYERS[layer % LAYERS.length];
 
   function wake(soon = true) {
     if (!waiting) waiting = soon ? requestAnimationFrame(draw) : setTimeout(() => requestAnimationFrame(draw), 60);
@@ -192,6 +192,7 @@ export function map(box, canvas, key, { go, ask }) {
   return {
     hello(found) {
       hello = found;
+      colors = found.layer_colors ?? {};
       view.scale = 0.45;
       trace = [];
       wake();

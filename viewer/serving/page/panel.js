@@ -135,7 +135,7 @@ export function panel({ change, note, download, copyLink, ask, send, save, scale
   }
 
   function status(header) {
-    const { latencies, drawn } = globalThis.viewer.measured();
+    const { latencies, drawn } = globalThis.viewer.state;
     const recent = drawn.filter((at) => at > performance.now() - 1000).length;
     const late = latencies.slice(-60).sort((x, y) => x - y);
     const parts = [`${header.width} × ${header.height}`, header.format === "png" ? "lossless" : `JPEG ${header.quality ?? ""}`.trim()];

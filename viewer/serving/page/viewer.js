@@ -22,6 +22,7 @@ const state = {
   times: new Map(),          // number of an input -> when it was sent
   latencies: [],             // milliseconds from an input to its picture, the last ones
   drawn: [],                 // when the last frames were drawn
+  ms: [],                    // what they took
   views: new Map(),          // numbers of techniques, as they were last drawn
   flight: null,              // what "fly" was before freezing
 };
@@ -72,6 +73,7 @@ let ready = null;            // {number, header, bitmap} that the screen shows n
 let painting = 0;
 
 async function frame(header, body) {
+  const arrived = performance.now();
   if (header.saved) {
     server.answered(header);
     keep(header, body);
@@ -89,14 +91,14 @@ async function frame(header, body) {
     return;
   }
   ready?.bitmap.close();
-  ready = { header, bitmap };
+  ready = { header, bitmap, arrived };
   if (!painting) painting = requestAnimationFrame(paint);
 }
 
-function paint(now) {
+function paint() {
   painting = 0;
   if (!ready) return;
-  const { header, bitmap } = ready;
+  const { header, bitmap, arrived } = ready;
   ready = null;
   if (picture.width !== bitmap.width || picture.height !== bitmap.height) {
     picture.width = bitmap.width;
@@ -105,11 +107,11 @@ function paint(now) {
   pen.drawImage(bitmap, 0, 0);
   bitmap.close();
   server.send({ type: "ack", frame: header.frame });
-  count(header, now);
+  count(header, arrived);
   shown(header);
 }
 
-function count(header) {
+function count(header, arrived) {
   const now = performance.now();
   const sent = state.times.get(header.seq);
   if (sent !== undefined) {
@@ -118,7 +120,8 @@ function count(header) {
   }
   for (const seq of state.times.keys()) if (seq <= header.seq) state.times.delete(seq);
   state.drawn.push(now);
-  if (state.drawn.length > 400) state.drawn.shift();
+  state.ms.push({ ...header.ms, paint: now - arrived, seq: header.seq });
+  for (const one of [state.drawn, state.ms]) if (one.length > 2000) one.shift();
 }
 
 function shown(header) {
@@ -388,10 +391,10 @@ const controlsPanel = panel({
 let walked = 0;
 const hint = byId("hint");
 const walking = controls(picture, byId("stick"), {
-  send(held, look, fast) {
+  send(held, look, fast, since) {
     state.seq += 1;
     const told = server.send({ type: "input", seq: state.seq, held, look, fast });
-    if (told) state.times.set(state.seq, performance.now());
+    if (told) state.times.set(state.seq, since);
     return told;
   },
   act,
@@ -450,6 +453,6 @@ server.open();
 /** What tests and benchmarks read. */
 globalThis.viewer = {
   get state() { return state; },
-  measured() { return { latencies: [...state.latencies], drawn: [...state.drawn] }; },
-  restart() { state.latencies.length = 0; state.drawn.length = 0; state.times.clear(); },
+  measured() { return { latencies: [...state.latencies], drawn: [...state.drawn], ms: [...state.ms] }; },
+  restart() { state.latencies.length = 0; state.drawn.length = 0; state.ms.length = 0; state.times.clear(); },
 };
