@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
@@ -21,7 +22,19 @@ from mmi.foundation.errors import MmiError, ParameterError
 from viewer.serving.encoding import Encoder, message
 from viewer.serving.pace import Allowance, Flow, Quality
 from viewer.serving.waiting import WaitingRoom
-from viewer.window.commands import Ack, AskMap, Command, Film, LookChange, Pick, Save, Size, WalkCommand, parsed
+from viewer.window.commands import (
+    SMALLEST_SIZE,
+    Ack,
+    AskMap,
+    Command,
+    Film,
+    LookChange,
+    Pick,
+    Save,
+    Size,
+    WalkCommand,
+    parsed,
+)
 
 if TYPE_CHECKING:
     from viewer.window.session import ShownFrame
@@ -51,6 +64,8 @@ _STALLED = 20.0
 """Seconds without an acknowledgement after which a client gives up its place where others wait."""
 _IDLE = 300.0
 """Seconds without a sign of life of its user after which it does so."""
+_FIRST_PIXELS = 1280 * 720
+"""A larger window is drawn smaller until its page has drawn a frame: who takes none costs little."""
 _PATIENCE = 10.0
 """Seconds in which a client has to say how large its window is."""
 
@@ -84,6 +99,10 @@ class Client:
         self._said_at = self._loop.time()
         """When its user last did something."""
         self._size: Size | None = None
+        self._drawn: Size | None = None
+        """Of its window, and of what is drawn for it."""
+        self._proved = False
+        """Whether it has drawn a frame."""
         self._resizing: asyncio.TimerHandle | None = None
         self._resized_at = 0.0
         self._inside = False
@@ -137,12 +156,14 @@ class Client:
                 if seconds is not None:
                     self._quality.acknowledged(seconds)
                     self._way = seconds
+                    if not self._proved:
+                        self._proved = True
+                        self._resize_soon(now)
                     self._heard.set()
                 return
             case Size():
                 self._size = command
-                if self._inside and self._resizing is None:
-                    self._resizing = self._loop.call_later(max(self._resized_at + _RESIZES - now, 0.0), self._resize)
+                self._resize_soon(now)
             case Pick() | AskMap() | Save() | Film() | WalkCommand():
                 if len(self._answers) >= _ANSWERS:
                     raise ParameterError(f"requests: at most {_ANSWERS} at once expected")
@@ -159,9 +180,14 @@ class Client:
         self._said_at = now
         self._heard.set()
 
+    def _resize_soon(self, now: float) -> None:
+        if self._inside and self._resizing is None:
+            self._resizing = self._loop.call_later(max(self._resized_at + _RESIZES - now, 0.0), self._resize)
+
     def _resize(self) -> None:
         self._resizing, self._resized_at = None, self._loop.time()
-        if self._inside and self._size is not None:
+        if self._inside and self._proved and self._size is not None and self._size != self._drawn:
+            self._drawn = self._size
             with suppress(MmiError):  # the studio is closed: its frames say so
                 self._studio.tell(self._name, self._size)
 
@@ -225,7 +251,8 @@ class Client:
                 return
         while True:
             async with self._room.place(self._name, self._tell_waiting):
-                self._studio.join(self._name, (self._size.width, self._size.height))
+                self._drawn = self._size if self._proved else _at_most(self._size, _FIRST_PIXELS)
+                self._studio.join(self._name, (self._drawn.width, self._drawn.height))
                 self._inside, self._said_at = True, self._loop.time()
                 try:
                     about = self._studio.about()
@@ -305,6 +332,12 @@ class Client:
             await self._socket.send_bytes(message({**shown.header, **more}, encoded.data))
 
         return asyncio.create_task(send())
+
+
+def _at_most(size: Size, pixels: int) -> Size:
+    """``size``, or one of the same shape (as far as the smallest window has it) with no more than so many pixels."""
+    share = min(math.sqrt(pixels / (size.width * size.height)), 1.0)
+    return Size(max(int(share * size.width), SMALLEST_SIZE[0]), max(int(share * size.height), SMALLEST_SIZE[1]))
 
 
 def _in_words(error: BaseException) -> str:

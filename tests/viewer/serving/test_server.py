@@ -291,6 +291,22 @@ def test_the_size_changes_at_most_ten_times_a_second_and_the_last_one_counts(stu
     run(visit)
 
 
+def test_a_large_window_is_drawn_small_until_its_page_has_drawn(address):
+    async def visit():
+        async with page(address, greet=False) as one:
+            await one.send_json({"type": "size", "width": 3840, "height": 2160})
+            header, _ = await hear(one, ack=False)
+            assert (header["width"], header["height"]) == (1280, 720)
+            await one.send_json({"type": "size", "width": 3800, "height": 2000})
+            with pytest.raises(TimeoutError):
+                await one.receive(0.4)
+            await one.send_json({"type": "ack", "frame": header["frame"]})
+            header, _ = await hear(one)
+            assert (header["width"], header["height"]) == (3800, 2000)
+
+    run(visit)
+
+
 def test_a_frame_that_fails_is_said_and_the_next_one_comes(studio, address):
     async def visit():
         async with page(address) as one:
