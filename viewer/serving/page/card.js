@@ -63,7 +63,8 @@ export function card(box, closed) {
     title.textContent = reply.id ?? NAMES[reply.what] ?? "Nothing stands there";
     const parts = [];
     if (shown(reply)) parts.push(element("p", shown(reply)));
-    if (reply.why?.answer) parts.push(element("p", reply.why.answer, reply.why.waiting ? "quiet" : ""));
+    if (reply.why?.waiting) parts.push(element("p", "Why: the cell is being planned again, which takes a few seconds the first time\u2026", "quiet"));
+    else if (reply.why?.answer) parts.push(element("p", reply.why.answer));
     if (facts(reply).length) parts.push(list(facts(reply)));
     if (reply.why?.neighbours?.length) {
       parts.push(element("h3", `Parallax with its neighbours; above ${reply.why.threshold_px} px they are in other layers`), weights(reply.why));

@@ -10,7 +10,7 @@ export const viewMs = (view) => (view ? sum(view.ms) : 0);
 export function graph(canvas, key) {
   const frames = [];
   let waiting = 0;
-  let shown = 0;
+  let shown = 0, latest = [];
   const style = getComputedStyle(document.documentElement);
   const color = { left: style.getPropertyValue("--left").trim(), right: style.getPropertyValue("--right").trim() };
 
@@ -20,8 +20,14 @@ export function graph(canvas, key) {
       updates: Math.max(left?.ms.requests ?? 0, right?.ms.requests ?? 0), budget: header.budget_ms, still: header.still,
     });
     if (frames.length > FRAMES) frames.shift();
-    if (!waiting) waiting = requestAnimationFrame((now) => { waiting = 0; draw(now, left, right); });
+    latest = [left, right];
+    wake();
   }
+
+  function wake() {
+    if (!waiting) waiting = requestAnimationFrame((now) => { waiting = 0; draw(now, ...latest); });
+  }
+  new ResizeObserver(wake).observe(canvas);
 
   function draw(now, left, right) {
     const ratio = devicePixelRatio || 1;
@@ -35,7 +41,7 @@ export function graph(canvas, key) {
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.clearRect(0, 0, width, height);
     const ranked = frames.flatMap((one) => [one.left ?? 0, one.right ?? 0]).sort((a, b) => a - b);
-    const usual = ranked[Math.floor(0.97 * (ranked.length - 1))] ?? 0;
+    const usual = ranked[Math.floor(0.94 * (ranked.length - 1))] ?? 0;
     const last = frames[frames.length - 1];
     const most = [5, 10, 20, 40, 80, 160, 320, 640].find((limit) => 1.15 * Math.max(usual, last?.budget ?? 0) <= limit) ?? 1280;
     const y = (ms) => height - 1 - (Math.min(ms, most) / most) * (height - 6);

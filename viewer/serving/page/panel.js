@@ -31,7 +31,7 @@ export function panel({ change, note, download, copyLink, ask, send, save, scale
   function introduce(found, shownLook) {
     hello = found;
     byId("dataset").textContent = found.dataset;
-    byId("about").textContent = `${spaced(found.cells)} viewing ${found.cells === 1 ? "cell" : "cells"}, built for ${found.display[0]} × ${found.display[1]} pixels and at most ${found.max_error_px} px of error`;
+    byId("about").textContent = `${spaced(found.cells)} viewing ${found.cells === 1 ? "cell" : "cells"}, at most ${found.max_error_px} px wrong at ${found.display[0]} × ${found.display[1]}`;
     for (const side of [left, right]) options(side, found.techniques.map((name) => [name, name]), shownLook[side.id]);
     options(layer, [["", "all layers"], ...found.layers.map((index) => [index, `layer ${index} alone`])], shownLook.layer ?? "");
     layer.disabled = !found.layers.length;
@@ -61,10 +61,10 @@ export function panel({ change, note, download, copyLink, ask, send, save, scale
     ["triangles", (view) => spaced(view.triangles)],
     ["draws", (view) => spaced(view.draws)],
     ["milliseconds", (view) => viewMs(view).toFixed(1)],
-    ["megabytes in memory", (view) => (view.memory_mb === undefined ? "–" : Number(view.memory_mb).toFixed(1))],
+    ["megabytes", (view) => (view.memory_mb === undefined ? "–" : Number(view.memory_mb).toFixed(1))],
     ["near objects", (view) => (view.near === null || view.near === undefined ? "–" : spaced(view.near))],
     ["layers stored", (view) => view.stored ?? "–"],
-    ["captured now / reused", (view) => (view.captured === undefined ? "–" : `${view.captured} / ${view.reused}`)],
+    ["captured / reused", (view) => (view.captured === undefined ? "–" : `${view.captured} / ${view.reused}`)],
   ];
 
   function write(a, b) {

@@ -355,6 +355,7 @@ async function pick(x, y) {
   const mark = byId("mark");
   Object.assign(mark.style, { left: `${x}px`, top: `${y}px` });
   mark.hidden = false;
+  byId("card").classList.toggle("right", x < 0.45 * stage.clientWidth);
   const from = String(state.header?.pose);
   const question = { type: "pick", x: Math.max(0, Math.min(picture.width - 1, Math.floor(x * sx))), y: Math.max(0, Math.min(picture.height - 1, Math.floor(y * sy))) };
   try {
@@ -394,7 +395,7 @@ const walking = controls(picture, byId("stick"), {
   send(held, look, fast, since) {
     state.seq += 1;
     const told = server.send({ type: "input", seq: state.seq, held, look, fast });
-    if (told) state.times.set(state.seq, since);
+    if (told && (look[0] || look[1] || Object.values(held).some(Boolean))) state.times.set(state.seq, since);
     return told;
   },
   act,
