@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 
 from mmi.programs.command_line import numbers_option, path_option
-from mmi.reading.read_options import NETWORKS, OBJECTS, UP_AXES, ReadOptions
+from mmi.reading.read_options import HEIGHT_UNITS, NETWORKS, OBJECTS, UP_AXES, ReadOptions
 
 __all__ = ["add_city_arguments", "read_options"]
 
@@ -49,7 +49,12 @@ def add_city_arguments(parser: argparse.ArgumentParser) -> None:
     city.add_argument(
         "--clip", type=_box, metavar="W,S,E,N", help="read only what lies in this box of degrees: west,south,east,north"
     )
-    city.add_argument("--height-column", metavar="NAME", help="column of heights in metres (default: guessed)")
+    city.add_argument("--height-column", metavar="NAME", help="column of heights (default: guessed)")
+    city.add_argument(
+        "--height-unit",
+        choices=HEIGHT_UNITS,
+        help="unit of the height column or of a 3D model's heights (default: feet where the column's name says so, else m)",
+    )
     city.add_argument("--levels-column", metavar="NAME", help="column of numbers of storeys (default: guessed)")
     city.add_argument("--id-column", metavar="NAME", help="column of the buildings' ids (default: guessed)")
     city.add_argument(

@@ -35,7 +35,7 @@ from mmi.reading.maps.footprints import GDAL_SUFFIXES, read_footprints, read_str
 from mmi.reading.maps.osm import is_osm, read_osm
 from mmi.reading.maps.streets import graph_from_lines, moved_lines
 from mmi.reading.maps.sumo import is_sumo, read_sumo
-from mmi.reading.models.model_city import city_of_model, is_model, read_model
+from mmi.reading.models.model_city import city_of_model, heights_in_metres, is_model, read_model
 from mmi.reading.raw_layers import BuildingLayer, StreetLayer
 from mmi.reading.read_options import ReadOptions
 from mmi.reading.report import CityReport, Ledger, Tally
@@ -131,6 +131,7 @@ def _read_model_city(
         raise ParameterError(f"--objects: buildings expected, as {path} is a 3D model, found 'blocks'")
     with step(progress, f"reading the model {_printable(file.name)}"):
         layer = read_model(file, ledger, lod=options.lod, up=options.up, crs=override)
+        layer = heights_in_metres(layer, options.height_unit, override, ledger)
     lines: StreetLayer | None = None
     if options.streets is not None:
         own_metres = layer.crs is None and override is None
@@ -201,6 +202,11 @@ def _read_buildings(file: Path, ledger: Ledger, options: ReadOptions) -> Buildin
     """The buildings of ``file``, at least one."""
     if file.is_file() and is_osm(file):
         _refuse_columns(file, "OpenStreetMap", options)
+        if options.height_unit is not None:
+            raise ParameterError(
+                f"--height-unit: {file} is OpenStreetMap, whose heights are metres or name their unit; found "
+                f"{options.height_unit!r}"
+            )
         found, _ = read_osm(file, ledger, buildings=True, streets=False)
     else:
         found = read_footprints(
@@ -208,6 +214,7 @@ def _read_buildings(file: Path, ledger: Ledger, options: ReadOptions) -> Buildin
             ledger,
             layer=options.buildings_layer,
             height_column=options.height_column,
+            height_unit=options.height_unit,
             levels_column=options.levels_column,
             id_column=options.id_column,
         )

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from mmi.foundation.errors import ParameterError
 
-__all__ = ["NETWORKS", "OBJECTS", "UP_AXES", "ReadOptions"]
+__all__ = ["HEIGHT_UNITS", "NETWORKS", "OBJECTS", "UP_AXES", "ReadOptions"]
 
 NETWORKS = ("drive", "walk", "all")
 """Which streets: those for cars, those for people on foot, or both."""
@@ -19,6 +19,10 @@ OBJECTS = ("buildings", "blocks")
 """What an object of the city is: a building, or a block of touching buildings."""
 UP_AXES = ("auto", "y", "z")
 """Which axis of a mesh points up."""
+
+
+HEIGHT_UNITS = ("m", "ft")
+"""What heights are in: metres, or feet of 0.3048 m."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,7 +36,9 @@ class ReadOptions:
         network: one of ``NETWORKS``.
         objects: one of ``OBJECTS``.
         clip: west, south, east, north in degrees; buildings that meet the box stay whole, streets are cut at it.
-        height_column: column of heights in metres; like all names below guessed if None.
+        height_column: column of heights; like all names below guessed if None.
+        height_unit: one of ``HEIGHT_UNITS``, for the height column, or for all heights of a 3D model; None: feet where the
+            column's name says so, else metres.
         levels_column: column of numbers of levels.
         id_column: column of ids that stay the same when the file changes.
         buildings_layer: layer of buildings, or several with commas between.
@@ -51,6 +57,7 @@ class ReadOptions:
     objects: str = "buildings"
     clip: tuple[float, float, float, float] | None = None
     height_column: str | None = None
+    height_unit: str | None = None
     levels_column: str | None = None
     id_column: str | None = None
     buildings_layer: str | None = None
@@ -73,6 +80,7 @@ class ReadOptions:
             ("--network", self.network, NETWORKS),
             ("--objects", self.objects, OBJECTS),
             ("--up", self.up, UP_AXES),
+            ("--height-unit", "m" if self.height_unit is None else self.height_unit, HEIGHT_UNITS),
         ):
             if value not in choices:
                 expected = f"{', '.join(choices[:-1])} or {choices[-1]}"

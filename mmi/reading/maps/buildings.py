@@ -128,7 +128,7 @@ def _not_standing(item: RawBuilding) -> str | None:
     kind = item.tags.get("building", "yes").lower()
     if kind in _UNBUILT or not is_yes(kind):
         return f"building={kind}"
-    if item.tags.get("location", "").lower() == "underground":
+    if item.tags.get("location", "").lower() == "underground" or is_yes(item.tags.get("underground")):
         return "underground"
     if re.fullmatch(r"-\d+(\.\d+)?", item.tags.get("layer", "")) and "height" not in item.tags:
         return "underground (negative layer, no height)"

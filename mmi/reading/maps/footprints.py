@@ -32,8 +32,10 @@ from mmi.reading.maps.gis_columns import (
     STREET_COLUMNS,
     guess_column,
     ids_of_rows,
+    in_feet,
     plain_name,
     tags_of_rows,
+    unit_of_heights,
     why_no_building,
     why_no_street,
 )
@@ -78,10 +80,13 @@ def read_footprints(
     *,
     layer: str | None,
     height_column: str | None,
+    height_unit: str | None = None,
     levels_column: str | None,
     id_column: str | None,
 ) -> BuildingLayer:
     """Buildings of the file or folder ``path``. ``layer`` names the layer (several: comma-separated), else it is guessed.
+
+    ``height_unit`` is ``m`` or ``ft``, for heights that name no unit; else the name of the column tells.
 
     Raises:
         CityError: nothing GDAL reads, no or several layers that could be buildings, a column that is not there.
@@ -110,8 +115,10 @@ def read_footprints(
         ids = [f"{one.name}/{id_}" if len(chosen) > 1 else id_ for id_ in ids]
         wanted = BUILDING_COLUMNS | {"height": (height,), "building:levels": (levels,)}
         tags = tags_of_rows(table.columns, len(table.geometries), wanted)
+        unit = unit_of_heights(height, height_unit, str(one.file), ledger)
+        tags = [in_feet(own) for own in tags] if unit == "ft" else tags
         telling = guess_column(table.columns, BUILDING_COLUMNS["building"])
-        labels = (labels[0] or _label(height), labels[1] or _label(levels))
+        labels = (labels[0] or _label(height) + " in feet" * (unit == "ft"), labels[1] or _label(levels))
         found.append(table.crs)
         for id_, geometry, own in zip(ids, table.geometries, tags, strict=True):
             kinds = () if geometry is None else shapely.get_type_id(shapely.get_parts(_unpacked(geometry)))

@@ -15,16 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.reading.raw_layers import is_yes
+from mmi.reading.report import Ledger
 
 __all__ = [
-    "BUILDING_COLUMNS", "HEIGHT_COLUMNS", "LEVELS_COLUMNS", "STREET_COLUMNS", "guess_column", "ids_of_rows", "plain_name",
-    "tags_of_rows", "why_no_building", "why_no_street",
+    "BUILDING_COLUMNS", "HEIGHT_COLUMNS", "LEVELS_COLUMNS", "STREET_COLUMNS", "guess_column", "ids_of_rows", "in_feet",
+    "plain_name", "tags_of_rows", "unit_of_heights", "why_no_building", "why_no_street",
 ]  # fmt: skip
 
 # Names are compared without case and punctuation; the first that a layer has is used.
 HEIGHT_COLUMNS = (
     "height", "heightm", "hauteur", "heightag", "buildingheight", "bldgheight", "hoehe", "höhe", "gebhoehe", "altura",
-    "altezza", "hoogte", "relh2", "measuredheight", "estheight",
+    "altezza", "hoogte", "relh2", "measuredheight", "estheight", "heightft", "heightfeet", "bldgheightft", "buildingheightft",
 )  # fmt: skip
 LEVELS_COLUMNS = (
     "buildinglevels", "levels", "floors", "floorsag", "numfloors", "nfloors", "storeys", "stories", "nbetages", "etages",
@@ -38,6 +39,7 @@ BUILDING_COLUMNS = MappingProxyType(
         "building": ("building",),
         "layer": ("layer",),
         "location": ("location",),
+        "underground": ("isunderground", "underground"),
     }
 )
 STREET_COLUMNS = MappingProxyType(
@@ -65,6 +67,8 @@ STREET_COLUMNS = MappingProxyType(
         "aerialway": ("aerialway",),
     }
 )
+_SAYS_FEET = re.compile(r"(?:^|[\W_]|height|hgt|ht)(?:ft|feet)(?:$|[\W_])", re.IGNORECASE)
+_KNOWN_IN_FEET = frozenset({"heightroof"})  # of New York's building footprints
 _IDS = ("id", "osmid", "idway", "osmway", "buildingid", "bldgid", "gmlid", "cleabs", "objectid", "uid", "gid", "pk")
 _NO_ROADS = ("railway", "waterway", "barrier", "fence", "power", "aerialway")
 # Values of a column that tells the kinds of lines apart, where roads, railways and rivers share it.
@@ -98,6 +102,28 @@ def _text(value: object) -> str | None:
     if isinstance(value, float | np.floating) and float(value).is_integer():
         value = int(value)
     return str(value).strip() or None
+
+
+def unit_of_heights(column: str, told: str | None, file: str, ledger: Ledger) -> str:
+    """``m`` or ``ft``: the unit of the ``column`` of heights, ``told`` or as its name says; of an unsure one it warns."""
+    if told is not None or not column:
+        return told or "m"
+    if _SAYS_FEET.search(column):
+        ledger.note("noted", f"heights in feet, as the column's name says ({column})")
+        return "ft"
+    if plain_name(column) in _KNOWN_IN_FEET:
+        ledger.warn(
+            f"{file}: column {column} is taken as metres, but holds feet in the data that is known for it: --height-unit ft"
+        )
+    return "m"
+
+
+def in_feet(tags: dict[str, str]) -> dict[str, str]:
+    """The tags with feet as the unit of heights that name none."""
+    feet = {
+        key: f"{tags[key]} ft" for key in ("height", "min_height") if re.fullmatch(r"[+-]?[\d.,]+", tags.get(key, ""))
+    }
+    return tags | feet
 
 
 def tags_of_rows(

@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 from mmi.reading.report import Ledger
 
 __all__ = [
+    "FOOT",
     "LEVEL_HEIGHT",
     "OPEN_ROOF_HEIGHT",
     "Heights",
@@ -33,6 +34,9 @@ LEVEL_HEIGHT = 3.2
 OPEN_ROOF_HEIGHT = 4.0
 """Metres: the height of an open roof (canopy, carport) without a tag; the heights of its neighbours say nothing about it."""
 
+FOOT = 0.3048
+"""Metres a foot."""
+
 _MAX_HEIGHT = 1000.0
 _MAX_LEVELS = 250.0
 _NEIGHBOURS = 8
@@ -42,7 +46,7 @@ _OPEN_ROOF_THICKNESS = 0.5
 _NUMBER = r"\d+(?:[.,]\d+)?|[.,]\d+"
 _METRIC = re.compile(rf"[~≈]?\s*([+-]?(?:{_NUMBER}))\s*(m|meters?|metres?|cm|km|ft|feet|foot)?\.?", re.IGNORECASE)
 _IMPERIAL = re.compile(rf"({_NUMBER})\s*['’′]\s*(?:({_NUMBER})\s*(?:\"|''|”|″))?")
-_UNITS = MappingProxyType({"": 1.0, "m": 1.0, "c": 0.01, "k": 1000.0, "f": 0.3048})
+_UNITS = MappingProxyType({"": 1.0, "m": 1.0, "c": 0.01, "k": 1000.0, "f": FOOT})
 
 
 def parse_metres(text: str) -> float | None:
@@ -52,7 +56,7 @@ def parse_metres(text: str) -> float | None:
         return float(match[1].replace(",", ".")) * _UNITS[(match[2] or "")[:1].lower()]
     if match := _IMPERIAL.fullmatch(text):
         feet, inches = float(match[1].replace(",", ".")), float((match[2] or "0").replace(",", "."))
-        return (feet + inches / 12.0) * 0.3048
+        return (feet + inches / 12.0) * FOOT
     return None
 
 

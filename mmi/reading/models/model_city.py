@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pyproj import CRS
 from shapely.geometry import Polygon
 
-from mmi.city.model import City, CityObject
+from mmi.city.model import City, CityObject, TriangleMesh
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError, ParameterError
 from mmi.reading.city_models.citygml import is_citygml, read_citygml
@@ -37,6 +37,7 @@ from mmi.reading.coordinates import (
 )
 from mmi.reading.ground.ground import ground_of_buildings, ground_of_file, ground_of_model, settled
 from mmi.reading.ground.open_space import open_space_streets
+from mmi.reading.maps.heights import FOOT
 from mmi.reading.maps.streets import graph_from_lines, moved_lines
 from mmi.reading.models.mesh_files import is_mesh, read_meshes
 from mmi.reading.models.objects_from_meshes import objects_from_models
@@ -44,7 +45,7 @@ from mmi.reading.raw_layers import BuildingLayer, ModelLayer, RawBuilding, Stree
 from mmi.reading.report import Ledger
 from mmi.reading.steps import Progress, step
 
-__all__ = ["city_of_model", "is_model", "read_model"]
+__all__ = ["city_of_model", "heights_in_metres", "is_model", "read_model"]
 
 _LOCAL = LocalFrame("local", (0.0, 0.0, 0.0), "")
 
@@ -65,6 +66,27 @@ def read_model(path: Path, ledger: Ledger, *, lod: str | None, up: str, crs: CRS
         layer = read(path, ledger, lod=lod, crs=crs)
     if not layer.items:
         raise CityError(f"{path}: no buildings; expected objects of type Building, or named nodes with triangles")
+    return layer
+
+
+def heights_in_metres(layer: ModelLayer, unit: str | None, override: CRS | None, ledger: Ledger) -> ModelLayer:
+    """The layer with its heights in metres. ``unit`` is what they are in, ``m`` or ``ft``; None is taken for metres.
+
+    A coordinate system in feet (``override`` goes before the layer's) says nothing of heights, but makes feet likely: then
+    None is warned of.
+    """
+    if unit == "ft":
+
+        def lowered(mesh: TriangleMesh) -> TriangleMesh:
+            return replace(mesh, vertices=mesh.vertices * (1.0, 1.0, FOOT))
+
+        ledger.note("noted", "heights of the model in feet", count=len(layer.items))
+        items = tuple(replace(item, mesh=lowered(item.mesh)) for item in layer.items)
+        return replace(layer, items=items, terrain=None if layer.terrain is None else lowered(layer.terrain))
+    crs = override or layer.crs
+    units = set() if crs is None else {axis.unit_name for axis in crs.axis_info}
+    if unit is None and any("foot" in name for name in units):
+        ledger.warn(f"{layer.file}: heights are taken as metres, though its plan is in feet: --height-unit ft, or m")
     return layer
 
 

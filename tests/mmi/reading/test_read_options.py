@@ -21,6 +21,7 @@ from mmi.reading.read_options import ReadOptions
     [
         ({"network": "fly"}, "--network: expected drive, walk or all, found 'fly'"),
         ({"objects": "trees"}, "--objects: expected buildings or blocks, found 'trees'"),
+        ({"height_unit": "feet"}, "--height-unit: expected m or ft, found 'feet'"),
         ({"up": "x"}, "--up: expected auto, y or z, found 'x'"),
         ({"lod": "5"}, "--lod: a level of detail such as 2 or 1.3 expected, found '5'"),
         ({"clip": (9.0, 48.0, 8.0, 49.0)}, "--clip: expected west < east and south < north in degrees, found"),
@@ -58,6 +59,7 @@ def test_every_option_has_its_argument():
         objects="blocks",
         clip=(8.0, 47.0, 9.0, 48.0),
         height_column="h",
+        height_unit="ft",
         levels_column="n",
         id_column="key",
         buildings_layer="houses",

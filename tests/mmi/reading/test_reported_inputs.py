@@ -17,15 +17,14 @@ from mmi.reading.read_options import ReadOptions
 from mmi.reading.report import Ledger
 
 FOLDERS = {
-    "citygml-berlin-srs", "citygml-nan", "citygml-xlink-missing", "cityjson-compound-crs", "dem-voids", "gis-export-landuse",
-    "gis-lines-rail-water", "gltf-edge-lines", "josm-negative-ids", "mtl-absolute-path", "obj-colours-255",
-    "obj-shift-jis-names", "obj-two-mtllibs", "overpass-out-geom", "ply-concave-ngon", "shapefile-multipatch",
-    "sumo-compound-types", "walk-access-no-foot-yes",
+    "citygml-berlin-srs", "citygml-nan", "citygml-xlink-missing", "cityjson-compound-crs", "dem-voids", "footprint-units",
+    "gis-export-landuse", "gis-lines-rail-water", "gltf-edge-lines", "josm-negative-ids", "mtl-absolute-path",
+    "obj-colours-255", "obj-shift-jis-names", "obj-two-mtllibs", "overpass-out-geom", "ply-concave-ngon",
+    "shapefile-multipatch", "sumo-compound-types", "walk-access-no-foot-yes",
 }  # fmt: skip
 """Of these, this module reads everything."""
 ELSEWHERE = {"displaced-sheet"}
 """What is no matter of reading."""
-NOT_YET = {"footprint-units"}
 
 
 def read(name, **options):
@@ -54,7 +53,7 @@ def colours(layer):
 
 def test_no_folder_is_forgotten():
     folders = {one.name for one in real("reports").iterdir() if one.is_dir()}
-    assert folders - ELSEWHERE - NOT_YET == FOLDERS
+    assert folders - ELSEWHERE == FOLDERS
 
 
 @pytest.mark.parametrize(
@@ -248,3 +247,18 @@ def test_reported_links_that_lead_nowhere():
         "building: no height or no area": (1, ("B3",)),
     }
     assert [one.examples for one in report.noted if one.what == "building: not closed, hides nothing"] == [("B1",)]
+
+
+def test_reported_houses_below_the_ground():
+    city, report = read("footprint-units/overture.geojson", streets="footprint-units/streets.geojson")
+    assert {one.id: one.top for one in city.objects} == {"o0": 12.0, "o1": 12.8, "o3": pytest.approx(12.4)}
+    assert [(one.what, one.examples) for one in report.left_out] == [("building: underground", ("o2",))]
+
+
+@pytest.mark.parametrize(("unit", "foot"), [("ft", 0.3048), ("m", 1.0), (None, 1.0)])
+def test_reported_feet(unit, foot):
+    options = {"height_column": "heightroof", "height_unit": unit}
+    city, report = read("footprint-units/nyc.geojson", streets="footprint-units/streets.geojson", **options)
+    assert [one.top for one in city.objects] == pytest.approx([40.0 * foot, 100.0 * foot, 33.5 * foot])
+    assert [text for text in report.warnings if "--height-unit ft" in text] == list(report.warnings)
+    assert len(report.warnings) == (unit is None)

@@ -106,6 +106,59 @@ def test_columns_can_be_named(tmp_path, street):
         read_city(path, ReadOptions(streets=street, height_column="hight"))
 
 
+@pytest.mark.parametrize(
+    ("column", "unit", "foot"),
+    [
+        ("height", None, 1.0),
+        ("height", "ft", 0.3048),
+        ("height", "m", 1.0),
+        ("height_ft", None, 0.3048),
+        ("Height (ft)", None, 0.3048),
+        ("HEIGHTFEET", None, 0.3048),
+        ("height_ft", "m", 1.0),
+        ("loft", None, 1.0),
+        ("shaft height", None, 1.0),
+    ],
+)
+def test_heights_in_feet(tmp_path, street, column, unit, foot):
+    """The option goes before the column's name; a cell that names its unit before both."""
+    path = houses(
+        tmp_path / "h.geojson",
+        (HOUSE[0], {column: "40", "min_height": "10"}),
+        (box(20, 9, 30, 20), {column: "40 m", "min_height": "10 m"}),
+        (box(40, 9, 50, 20), {column: "nan", "levels": "2"}),
+    )
+    city, report = read_city(path, ReadOptions(streets=street, height_column=column, height_unit=unit))
+    assert [one.top for one in city.objects] == pytest.approx([40.0 * foot, 40.0, 6.4])
+    assert [one.base for one in city.objects] == pytest.approx([10.0 * foot, 10.0, 0.0])
+    assert tally(report, "inferred", f"height from column {column}{' in feet' * (foot < 1.0)}") == 2
+    said = f"heights in feet, as the column's name says ({column})"
+    assert tally(report, "noted", said) == (unit is None and foot < 1.0)
+
+
+def test_feet_are_guessed_where_a_column_says_so(tmp_path, street):
+    city, _ = read_city(houses(tmp_path / "h.geojson", (HOUSE[0], {"height_ft": 100})), ReadOptions(streets=street))
+    assert city.objects[0].top == pytest.approx(30.48)
+
+
+def test_the_unit_means_nothing_for_openstreetmap(tmp_path):
+    osm = OsmFile()
+    with pytest.raises(ParameterError, match=r"--height-unit: .*a\.osm is OpenStreetMap"):
+        read_city(osm.write(tmp_path / "a.osm"), ReadOptions(height_unit="ft"))
+
+
+@pytest.mark.parametrize(("value", "stays"), [(True, 0), (False, 1), ("yes", 0), ("no", 1), (None, 1)])
+def test_houses_below_the_ground(tmp_path, street, value, stays):
+    path = houses(
+        tmp_path / "h.geojson",
+        (HOUSE[0], {"height": 3, "is_underground": value}),
+        (box(20, 9, 30, 20), {"height": 3, "is_underground": False}),
+    )
+    city, report = read_city(path, ReadOptions(streets=street))
+    assert len(city.objects) == 1 + stays
+    assert tally(report, "left out", "building: underground") == 1 - stays
+
+
 def test_unique_id_columns_are_used(tmp_path, street):
     path = houses(
         tmp_path / "h.geojson",

@@ -18,6 +18,8 @@ from citygen.generate import generate
 from mmi.city.model import CityObject
 from mmi.foundation.errors import CityError, MmiError
 from mmi.reading.city_models.cityjson import read_cityjson
+from mmi.reading.models.model_city import heights_in_metres
+from mmi.reading.raw_layers import ModelLayer
 from mmi.reading.read_city import read_city
 from mmi.reading.read_options import ReadOptions
 from mmi.reading.report import Ledger
@@ -204,6 +206,30 @@ def test_clip_keeps_what_meets_the_box(placed):
     assert counts(report, "left out")["building: outside --clip"] == len(city.objects) - len(clipped.objects)
     whole, _ = read_city(path, ReadOptions(network="all"))
     assert street_length(clipped) < street_length(whole)
+
+
+@pytest.mark.parametrize(("unit", "foot"), [(None, 1.0), ("m", 1.0), ("ft", 0.3048)])
+def test_heights_of_a_model_in_feet(placed, unit, foot):
+    """Houses and ground become lower; the plan, of which the coordinate system tells, stays."""
+    path, _ = placed
+    city, report = read_city(path, ReadOptions(height_unit=unit, network="all"))
+    plain, _ = read_city(path, ReadOptions(network="all"))
+    for one, other in zip(city.objects, plain.objects, strict=True):
+        assert np.ptp(one.mesh.vertices[:, 2]) == pytest.approx(foot * np.ptp(other.mesh.vertices[:, 2]), abs=2e-3)
+        assert one.mesh.vertices[:, :2].tolist() == other.mesh.vertices[:, :2].tolist()
+    assert not [text for text in report.warnings if "--height-unit" in text]
+
+
+@pytest.mark.parametrize("unit", [None, "m", "ft"])
+def test_a_plan_in_feet_makes_feet_likely(unit):
+    layer = ModelLayer("a.gml", (), pyproj.CRS.from_epsg(2263))
+    ledger = Ledger()
+    heights_in_metres(layer, unit, None, ledger)
+    warnings = ledger.report(source="", crs="", origin=(0, 0, 0)).warnings
+    assert warnings == (() if unit else (warnings[0],))
+    assert unit or "--height-unit ft" in warnings[0]
+    heights_in_metres(layer, None, pyproj.CRS.from_epsg(32618), other := Ledger())
+    assert other.report(source="", crs="", origin=(0, 0, 0)).warnings == ()
 
 
 def refused(path, match, **options):
