@@ -153,9 +153,10 @@ def lonlat_bounds(file: str, bounds: Box, crs: pyproj.CRS) -> Box:
         box = (*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
     lon, lat = (box[0] + box[2]) / 2, (box[1] + box[3]) / 2
     if not -60 <= lat <= 84:
+        swapped = "latitude and longitude swapped, or " if crs.is_geographic and -60 <= lon <= 84 else ""
         raise CityError(
-            f"{file}: would lie at longitude {lon:.2f}, latitude {lat:.2f} ({name}), where no city is: latitude and longitude "
-            "swapped, or another CRS (--crs)?"
+            f"{file}: would lie at longitude {lon:.2f}, latitude {lat:.2f} ({name}), where no city is: {swapped}another CRS "
+            "(--crs)?"
         )
     area = crs.area_of_use
     if area is not None:

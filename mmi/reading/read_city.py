@@ -219,11 +219,8 @@ def _read_buildings(file: Path, ledger: Ledger, options: ReadOptions) -> Buildin
             id_column=options.id_column,
         )
     if not found.items:
-        lost = ledger.count("left out")
-        raise CityError(
-            f"{file}: no buildings; expected outlines tagged building, or polygons"
-            + (f" ({lost} unusable)" if lost else "")
-        )
+        why = ledger.why_left_out("building")
+        raise CityError(f"{file}: no buildings; expected outlines tagged building, or polygons{why}")
     return found
 
 
@@ -232,7 +229,6 @@ def _read_streets(
 ) -> StreetLayer:
     """The streets of ``file``: at least one line. ``local``: a SUMO network keeps its own metres."""
     found: StreetLayer | None
-    left_out = ledger.count("left out")
     if file.is_file() and is_osm(file):
         if layer is not None:
             raise ParameterError(f"--streets-layer: {file} is OpenStreetMap, which has no layers; found {layer!r}")
@@ -248,11 +244,9 @@ def _read_streets(
             "height" in item.tags or "building:levels" in item.tags for item in buildings.items
         )
         nor = "" if also else ", nor has any building a height (--height-column, --levels-column)"
-        lost = ledger.count("left out") - left_out
-        others = f" ({lost} others left out)" if lost else ""
-        raise CityError(
-            f"{file}: no streets: no line layer or highways in it{others}{nor}; expected them here or as --streets FILE"
-        )
+        why = ledger.why_left_out("street")
+        what = "no usable line in it" if why else "no line layer or highways in it"
+        raise CityError(f"{file}: no streets: {what}{nor}; expected them here or as --streets FILE{why}")
     return found
 
 

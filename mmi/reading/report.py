@@ -15,6 +15,8 @@ Section = Literal["read", "kept", "repaired", "inferred", "noted", "left out"]
 
 _EXAMPLES = 3
 """Ids kept per line as examples."""
+_REASONS = 4
+"""Reasons named in a refusal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +122,18 @@ class Ledger:
     def count(self, section: Section, what: str | None = None) -> int:
         """Total of the line ``what``, or of the whole section."""
         return sum(n for (s, w), (n, _, _) in self._lines.items() if s == section and what in (None, w))
+
+    def why_left_out(self, kind: str = "") -> str:
+        """``"; left out: 8 outline not closed, 2 underground"``: the counted reasons of a ``kind`` of object, most first.
+
+        Empty where nothing of it was left out. ``kind`` is what stands before the colon (``building``), empty for all.
+        """
+        lines = [(what, n) for (section, what), (n, _, _) in self._lines.items() if section == "left out"]
+        reasons = [(what.removeprefix(f"{kind}: "), n) for what, n in lines if not kind or what.startswith(f"{kind}: ")]
+        reasons.sort(key=lambda reason: -reason[1])
+        more = sum(n for _, n in reasons[_REASONS:])
+        told = [f"{n} {what}" for what, n in reasons[:_REASONS]] + ([f"{more} for other reasons"] if more else [])
+        return f"; left out: {', '.join(told)}" if told else ""
 
     def report(self, *, source: str, crs: str, origin: tuple[float, float, float]) -> CityReport:
         """The frozen account."""

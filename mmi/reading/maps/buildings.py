@@ -52,7 +52,10 @@ def objects_from_outlines(
     """
     outlines = _clean(layer, shapes, ledger)
     if not outlines:
-        raise CityError(f"{layer.file}: no buildings left after repair; expected at least one of 1 m2 or more")
+        why = ledger.why_left_out("building")
+        raise CityError(
+            f"{layer.file}: no buildings left; expected at least one above the ground, of 1 m2 or more{why}"
+        )
     outlines = _without_twins(outlines, ledger)
     owner = _owners(outlines)
     tops = _tops(layer, outlines, owner, ledger)

@@ -176,7 +176,7 @@ def graph_from_lines(
     if not pieces:
         raise CityError(
             f"{layer.file}: no streets left for --network {network}: expected some within {_MARGIN:g} m of the "
-            "buildings and outside them"
+            f"buildings and outside them{ledger.why_left_out('street')}"
         )
     return _graph(pieces, used)
 

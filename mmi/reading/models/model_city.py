@@ -65,7 +65,8 @@ def read_model(path: Path, ledger: Ledger, *, lod: str | None, up: str, crs: CRS
         read = read_citygml if is_citygml(path) else read_cityjson
         layer = read(path, ledger, lod=lod, crs=crs)
     if not layer.items:
-        raise CityError(f"{path}: no buildings; expected objects of type Building, or named nodes with triangles")
+        expected = "expected objects of type Building, or named nodes with triangles"
+        raise CityError(f"{path}: no buildings; {expected}{ledger.why_left_out()}")
     return layer
 
 

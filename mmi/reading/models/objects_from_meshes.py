@@ -91,7 +91,10 @@ def objects_from_models(
         core = tuple(prism for body, own_foot in bodies for prism in _core(body, own_foot))
         objects.append(CityObject(item.id, prisms, mesh, core))
     if not objects:
-        raise CityError(f"{layer.file}: no buildings; expected objects with surfaces, found {len(layer.items)} without")
+        why = ledger.why_left_out("building")
+        raise CityError(
+            f"{layer.file}: no buildings; expected objects with surfaces, found {len(layer.items)} without{why}"
+        )
     return tuple(objects)
 
 
