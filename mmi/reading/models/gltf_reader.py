@@ -4,7 +4,8 @@
 ``mmi.writing.gltf_writer`` wrote (a material "painted", a node "terrain", streets as lines, ``asset.extras`` with CRS and
 origin). ``mmi.reading.models.gltf_buffers`` opens the file and gets the arrays behind accessors.
 
-Source: Khronos, glTF 2.0 specification; the extensions KHR_texture_transform, KHR_mesh_quantization, EXT_texture_webp.
+Source: Khronos, glTF 2.0 specification; the extensions KHR_texture_transform, KHR_mesh_quantization, EXT_texture_webp,
+EXT_mesh_gpu_instancing.
 """
 
 from __future__ import annotations
@@ -44,8 +45,11 @@ __all__ = ["read_gltf"]
 _Z_UP_FROM_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 _PLUMB = 1e-3
 """Metres: a segment goes straight up if it goes less to the side and over a hundred times as much up."""
+_INSTANCING = "EXT_mesh_gpu_instancing"
+_MOST_INSTANCES = 100_000
+"""Copies of meshes in a file; more would be a forest, not a city."""
 _READ_EXTENSIONS = frozenset(
-    {"KHR_texture_transform", "KHR_mesh_quantization", WEBP, "KHR_lights_punctual", "KHR_xmp_json_ld"}
+    {"KHR_texture_transform", "KHR_mesh_quantization", WEBP, _INSTANCING, "KHR_lights_punctual", "KHR_xmp_json_ld"}
 )
 
 
@@ -109,7 +113,8 @@ class _Reading:
         for node, matrix in self.placed_nodes():
             self.take(node, matrix, origin)
         if not self.models and not self.ground and not self.streets:
-            raise CityError(f"{self.path}: no triangles in it; expected a node with a mesh for each building")
+            why = self.ledger.why_left_out()
+            raise CityError(f"{self.path}: no triangles in it; expected a node with a mesh for each building{why}")
         terrain = self.ground[0] if self.ground else None
         if len(self.ground) > 1:
             self.ledger.note("left out", "terrain: a second one", "terrain", count=len(self.ground) - 1)
@@ -123,7 +128,7 @@ class _Reading:
         )
 
     def placed_nodes(self) -> list[tuple[dict[str, Any], NDArray[np.float64]]]:
-        """Nodes with a mesh and their (4, 4) placement in a Z up world, in the scene's order."""
+        """Nodes with a mesh and their (4, 4) placement in a Z up world, in the scene's order; each copy of a node by itself."""
         document = self.gltf.document
         nodes = document.get("nodes", [])
         if "scenes" in document:
@@ -142,11 +147,29 @@ class _Reading:
             node = nodes[index]
             matrix = parent @ _placement(node)
             if "mesh" in node:
-                found.append((node, matrix))
-            if "EXT_mesh_gpu_instancing" in node.get("extensions", {}):
-                self.ledger.note("left out", "instances of a mesh (EXT_mesh_gpu_instancing)", _name(node, index))
+                found += [(node, matrix @ copy) for copy in self.copies(node, _name(node, index))]
+            if len(found) > _MOST_INSTANCES + len(nodes):
+                raise ValueError(f"over {_MOST_INSTANCES} instances of meshes")
             stack += [(int(child), matrix) for child in reversed(node.get("children", []))]
+        for index, node in enumerate(nodes):
+            if "mesh" in node and index not in seen:
+                self.ledger.note("left out", "mesh: not in the scene that is shown", _name(node, index))
         return found
+
+    def copies(self, node: dict[str, Any], name: str) -> list[NDArray[np.float64]]:
+        """node_from_instance (4, 4) of each copy of a node's mesh that EXT_mesh_gpu_instancing asks for; of others, one."""
+        entry = node.get("extensions", {}).get(_INSTANCING)
+        if entry is None:
+            return [np.eye(4)]
+        keys = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
+        columns = {keys[key]: self.gltf.accessor(index) for key, index in entry["attributes"].items() if key in keys}
+        counts = {len(values) for values in columns.values()}
+        if len(counts) != 1 or max(counts) > _MOST_INSTANCES:
+            raise ValueError(
+                f"node {name}: instances expected, as many of each kind of attribute, found {sorted(counts)}"
+            )
+        self.ledger.note("read", f"instances of meshes ({_INSTANCING})", name, count=max(counts))
+        return [_placement({key: values[i].tolist() for key, values in columns.items()}) for i in range(max(counts))]
 
     def take(self, node: dict[str, Any], matrix: NDArray[np.float64], origin: NDArray[np.float64]) -> None:
         """A node becomes a model, the terrain or streets; lines that draw the edges of a model are none of them.

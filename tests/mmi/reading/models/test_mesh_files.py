@@ -256,6 +256,69 @@ def test_lines_on_the_ground_are_streets_and_upright_ones_are_edges(tmp_path):
         assert ledger.count("noted", "lines that draw the edges of a model: no streets") == 1
 
 
+COPIES = {
+    "translation": np.array([[0, 0, 0], [10, 0, 0], [0, 0, -20]], dtype="<f4"),
+    "rotation": np.array(
+        [[0, 0, 0, 1], [0, 0.5**0.5, 0, 0.5**0.5], [0, 0, 0, 1]], dtype="<f4"
+    ),  # 90 degrees about y, up
+    "scale": np.array([[1, 1, 1], [1, 1, 1], [2, 3, 1]], dtype="<f4"),
+}
+
+
+def instanced(path, keys=tuple(COPIES), *, node=None, drop=None, required=True):
+    """The quad in three copies; the attributes of the instances are accessors behind those of the mesh."""
+    attributes = {key.upper(): COPIES[key][: -1 if key == drop else None] for key in keys}
+    write_gltf(path, attributes=attributes)
+    document = json.loads(path.read_text())
+    primitive = document["meshes"][0]["primitives"][0]
+    moved = {key: primitive["attributes"].pop(key) for key in attributes}
+    document["nodes"][0] |= {"extensions": {"EXT_mesh_gpu_instancing": {"attributes": moved}}} | (node or {})
+    if required:
+        document["extensionsRequired"] = ["EXT_mesh_gpu_instancing"]
+    path.write_text(json.dumps(document))
+    return path
+
+
+def test_instances_of_a_mesh_are_copies_of_it(tmp_path):
+    """x east, y up, z south becomes x east, y north, z up; the second copy is turned from the east to the north."""
+    ledger = Ledger()
+    layer = read_meshes(instanced(tmp_path / "x.gltf", node={"translation": [100, 0, 0]}), ledger)
+    assert [one.id for one in layer.items] == ["house", "house#2", "house#3"]
+    low = [one.mesh.vertices.min(axis=0).round(5).tolist() for one in layer.items]
+    high = [one.mesh.vertices.max(axis=0).round(5).tolist() for one in layer.items]
+    assert low == [[100, 0, 0], [110, 0, 0], [100, 20, 0]]
+    assert high == [[102, 0, 1], [110, 2, 1], [104, 20, 3]]
+    assert ledger.count("read", "instances of meshes (EXT_mesh_gpu_instancing)") == 3
+    assert ledger.count("left out") == 0
+
+
+def test_instances_need_no_attribute_but_one(tmp_path):
+    for key in COPIES:
+        assert len(read_gltf(instanced(tmp_path / "x.gltf", (key,), required=False), Ledger()).items) == 3
+    with pytest.raises(CityError, match=r"x\.gltf.*instances expected, as many of each kind"):
+        read_gltf(instanced(tmp_path / "x.gltf", drop="scale"), Ledger())
+    with pytest.raises(CityError, match=r"x\.gltf.*instances expected"):
+        read_gltf(instanced(tmp_path / "x.gltf", ()), Ledger())
+
+
+@pytest.mark.parametrize(("scene", "shown"), [(0, "a"), (1, "b"), (None, "a")])
+def test_the_scene_that_is_shown_counts_and_the_others_are_counted(tmp_path, scene, shown):
+    nodes = [{"name": name, "mesh": 0} for name in "ab"]
+    path = write_gltf(tmp_path / "x.gltf", more={"nodes": nodes, "scenes": [{"nodes": [0]}, {"nodes": [1]}]})
+    document = json.loads(path.read_text()) | {"scene": scene}
+    path.write_text(json.dumps({key: value for key, value in document.items() if value is not None}))
+    ledger = Ledger()
+    assert [one.id for one in read_gltf(path, ledger).items] == [shown]
+    (line,) = ledger.report(source="", crs="", origin=(0, 0, 0)).left_out
+    assert (line.what, line.examples) == ("mesh: not in the scene that is shown", ("b" if shown == "a" else "a",))
+
+
+def test_a_scene_without_anything_says_what_is_elsewhere(tmp_path):
+    path = write_gltf(tmp_path / "x.gltf", more={"scenes": [{}, {"nodes": [0]}]})
+    with pytest.raises(CityError, match=r"no triangles in it; .*; left out: 1 mesh: not in the scene that is shown$"):
+        read_gltf(path, Ledger())
+
+
 def test_a_truncated_glb_says_so(tmp_path):
     path = tmp_path / "cut.glb"
     whole = trimesh.creation.box().export(file_type="glb")
