@@ -57,8 +57,8 @@ __all__ = ["Renderer", "gpu_seconds"]
 
 _SWITCH_INTERVAL = 5e-4
 """Seconds for which other threads may keep the interpreter when OpenGL has finished. Python's own 5 ms would be felt."""
-_SIZES = 8
-"""What is drawn into is kept for this many sizes: several windows take turns, and some show two pictures."""
+_SIZES, _PIXELS = 8, 12 << 20
+"""What is drawn into is kept for this many sizes and pixels: several windows take turns, and some show two pictures."""
 _CLOCKS = 1.05
 """The GPU's own clock may count this many times the seconds of the whole drawing, since two clocks never quite agree."""
 
@@ -140,7 +140,7 @@ class Renderer:
         with self._context:
             found = self._other_targets.pop(size, None) or Targets(self._programs, size, measured=self.measured)
             self._other_targets[self.size] = self._targets
-            while len(self._other_targets) >= _SIZES:
+            while len(self._other_targets) >= _SIZES or sum(w * h for w, h in self._other_targets) > _PIXELS:
                 self._other_targets.pop(next(iter(self._other_targets))).release()
             self.size, self._targets = size, found
 

@@ -11,7 +11,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from viewer.drawing.programs import MODES, Programs
+from viewer.drawing.programs import Programs
 
 __all__ = ["Measures", "Targets"]
 
@@ -34,11 +34,11 @@ class Targets:
         self.size = size
         self._context, self._programs = programs.context, programs
         self._columns = (0, size[0])
-        self._whole = {mode: self._framebuffer(mode) for mode in MODES if measured or not mode}
-        self._colors = {
-            mode: self._context.framebuffer([whole.color_attachments[0]]) for mode, whole in self._whole.items()
-        }
+        self._measured = measured
+        self._whole: dict[bool, Any] = {}
+        self._colors: dict[bool, Any] = {}
         self._lines: dict[bool, Any] = {}
+        self._make(measured=False)
         self.resolved: Any = self._context.texture(size, 4)
         """Colours without samples, after :meth:`resolve`."""
         self._resolving = self._context.framebuffer([self.resolved])
@@ -48,7 +48,7 @@ class Targets:
         for whole in self._whole.values():
             for part in (*whole.color_attachments, whole.depth_attachment, whole):
                 part.release()
-        for thing in (*self._colors.values(), self._resolving, self.resolved):
+        for thing in (*self._colors.values(), *self._lines.values(), self._resolving, self.resolved):
             thing.release()
 
     def limit(self, columns: tuple[int, int] | None) -> None:
@@ -59,12 +59,13 @@ class Targets:
         if (first, end) == self._columns:
             return
         self._columns = (first, end)
-        scissor = None if columns is None else (first, 0, end - first, self.size[1])
-        for target in (*self._whole.values(), *self._colors.values()):
-            target.scissor = scissor
+        for target in (*self._whole.values(), *self._colors.values(), *self._lines.values()):
+            target.scissor = self._scissor
 
     def clear(self, *, measured: bool) -> None:
         """Begin a picture."""
+        if measured and self._measured and True not in self._whole:  # few windows ever show what is measured
+            self._make(measured=True)
         whole = self._whole[measured]
         whole.use()
         whole.clear(0.0, 0.0, 0.0, 1.0)
@@ -79,6 +80,7 @@ class Targets:
         if measured not in self._lines:
             whole = self._whole[measured]
             self._lines[measured] = self._context.framebuffer([whole.color_attachments[0]], whole.depth_attachment)
+            self._lines[measured].scissor = self._scissor
         self._lines[measured].use()
 
     def resolve(self, *, measured: bool) -> None:
@@ -105,6 +107,16 @@ class Targets:
         depth = np.where(surface[..., 0] > _SKY_DEPTH, np.inf, surface[..., 0]).astype(np.float32)
         displacement = np.where(surface[..., 1] < 0.0, np.nan, surface[..., 1]).astype(np.float32)
         return Measures(ids, depth, displacement)
+
+    @property
+    def _scissor(self) -> tuple[int, int, int, int] | None:
+        first, end = self._columns
+        return None if (first, end) == (0, self.size[0]) else (first, 0, end - first, self.size[1])
+
+    def _make(self, *, measured: bool) -> None:
+        whole = self._whole[measured] = self._framebuffer(measured)
+        colors = self._colors[measured] = self._context.framebuffer([whole.color_attachments[0]])
+        whole.scissor = colors.scissor = self._scissor
 
     def _framebuffer(self, measured: bool) -> Any:  # noqa: ANN401
         context, size = self._context, self.size

@@ -269,12 +269,17 @@ class Streets:
         return self.walls.freed(point)
 
     def start(self) -> Pose:
-        """Where a viewer begins: in the middle of the dataset's cells, on a street, looking along it."""
-        cells = self._scene.whereabouts.cells
-        middles = np.array([[0.5 * (a + b) for a, b in zip(cell.p, cell.q, strict=True)] for cell in cells])
-        place = int(np.argmin(np.hypot(*(middles - np.median(middles, axis=0)).T)))
-        cell, (x, y) = cells[place], middles[place].tolist()
-        azimuth = math.atan2(cell.q[1] - cell.p[1], cell.q[0] - cell.p[0])
+        """Where a viewer begins: in a cell with much near by and much far away, looking along its street to where more is."""
+        scene = self._scene
+        entries = scene.dataset.manifest.cells
+        entry = max(entries, key=lambda one: len(one.near) * len(one.far))
+        cell = entry.viewing_cell
+        seen = scene.boxes[[scene.objects[one] for one in (*entry.near, *entry.far)], :, :2].mean(axis=1)
+        x, y = (0.5 * (a + b) for a, b in zip(cell.p, cell.q, strict=True))
+        along = np.array(cell.q) - np.array(cell.p)
+        ahead = np.count_nonzero((seen - [x, y]) @ along > 0.0)
+        back = np.pi if 2 * ahead < len(seen) else 0.0
+        azimuth = math.remainder(math.atan2(along[1], along[0]) + back, math.tau)
         return Pose((x, y, self.ground((x, y)) + EYE_HEIGHT), azimuth, 0.0)
 
     def tour(self, metres: float) -> Walk:

@@ -7,6 +7,7 @@ from mmi.foundation.camera import Camera
 from mmi.walks.walk import Pose
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.renderer import Renderer
+from viewer.drawing.style import Style
 from viewer.plan import Budget, ImageKey, Plan, Request, Sky, Slot
 from viewer.techniques.catalogue import make_technique
 
@@ -71,6 +72,11 @@ def test_columns_are_those_of_the_whole_picture(scene, renderer, name, measured)
         faded = renderer.draw(mixed, view, measured=measured).color
         part = renderer.draw(mixed, view, measured=measured, columns=(30, 60)).color
         assert np.array_equal(part, faded[:, 30:60])
+        lines = Style(wireframe=True)
+        drawn = renderer.draw(plan, view, measured=measured, style=lines).color
+        part = renderer.draw(plan, view, measured=measured, style=lines, columns=(30, 60)).color
+        assert np.array_equal(part, drawn[:, 30:60])
+        assert not np.array_equal(drawn, whole.color)
 
 
 def test_colours_are_read_into_what_is_given(scene, renderer):
