@@ -33,6 +33,8 @@ BLINK = 0.5
 """Seconds that a blinking picture shows each technique."""
 _TURNS = 1e-3
 """Seconds after which other threads may take the interpreter from a frame: a window answers while it draws."""
+_NEVER_LATE = frozenset({"full", "visible", "local", "single-mesh", "multi-mesh"})
+"""Techniques that do the same whatever time there is, and so need not know what things cost."""
 _SETTLED = 3
 """A view is settled when it was drawn so many times without anything being captured for it."""
 
@@ -241,7 +243,7 @@ class Pictures:
                 painting,
                 self.stage.share(share),
                 camera=main.camera,
-                costs=self.stage.costs,
+                costs=None if name in _NEVER_LATE else self.stage.costs,
                 turns=_TURNS,
             )
             self._lines[name] = _Line(loop, painting, share)

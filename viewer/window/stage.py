@@ -47,6 +47,7 @@ class Stage:
         self.scenes = scenes
         self.main = scenes[MAIN]
         self._capacity, self._samples = capacity, samples
+        self._costs: Costs | None = None
         self._stack = ExitStack()
         mesh = self.main.mesh
         kept = mesh.positions.nbytes + mesh.uv.nbytes + mesh.colors.nbytes + mesh.triangles.nbytes
@@ -69,7 +70,6 @@ class Stage:
                     movers=main.movers,
                 )
             )
-            self.costs: Costs = calibrated(self.renderer, main)
             self.cells = stack.enter_context(CellCache(self._load, self._size, self.renderer, capacity=self._capacity))
             self._stack = stack.pop_all()
         return self
@@ -78,6 +78,15 @@ class Stage:
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stack.close()
+
+    @property
+    def costs(self) -> Costs:
+        """What drawing takes here, found out when somebody first wants to know: that takes most of a second."""
+        if self._costs is None:
+            camera = self.main.camera
+            self.renderer.resize((camera.width, camera.height))
+            self._costs = calibrated(self.renderer, self.main)
+        return self._costs
 
     def share(self, name: str) -> Share:
         """A share in the cells, which counts as wanting what it wanted last until it is forgotten."""
