@@ -291,17 +291,59 @@ def test_frozen_impostors_can_be_flown_around(page):
     assert page.get_by_text("Frozen:").count() == 0
 
 
-def test_a_building_is_clicked(page):
+def test_a_building_is_clicked_and_its_card_says_why(page, scene):
+    page.keyboard.press("p")
+    page.locator("#map").evaluate("(one) => { one.hidden = true; }")
+    page.keyboard.press("o")
+    until(page, "viewer.state.header.width === 900")
+    header = settled(page)
+    shown = picture_of(page)
+    page.keyboard.press("n")
     settled(page)
-    shown = page.locator("#picture").bounding_box()
-    page.mouse.click(shown["x"] + 0.93 * shown["width"], shown["y"] + 0.45 * shown["height"])
-    page.wait_for_timeout(300)
-    until(page, "!document.getElementById('card').hidden || document.querySelector('.note.bad')")
-    if page.locator(".note.bad").count():
-        pytest.skip(page.locator(".note.bad").inner_text())
-    assert page.locator("#card-title").inner_text()
+    sky, ground = shown[2, 2], shown[-3, header["width"] // 4]
+    building = (shown != sky).any(axis=2) & (shown != ground).any(axis=2)
+    building[:80] = False  # what stands over the picture
+    building[:, : header["width"] // 2 + 30] = False  # right of the line: impostors
+    rows, columns = np.nonzero(building)
+    middle = len(rows) // 2
+    page.mouse.click(float(columns[middle]), float(rows[middle]))
+    page.locator("#card").wait_for()
+    assert page.locator("#card-title").inner_text() in scene.objects
+    page.get_by_text("It stays geometry:").or_(page.get_by_text("It is in layer")).wait_for(timeout=40_000)
+    assert page.locator("#card").get_by_text("distance").is_visible()
     page.keyboard.press("Escape")
     assert page.locator("#card").is_hidden()
+
+
+def test_the_worst_region_is_boxed_when_the_viewer_stands_still(page):
+    page.keyboard.press("1")
+    page.keyboard.press("b")
+    until(page, "viewer.state.header.worst", seconds=30.0)
+    worst = page.evaluate("viewer.state.header.worst")
+    assert (
+        page.locator("#promise").inner_text().startswith(("Promised here", "Nothing is promised", worst["why"] or "-"))
+    )
+    if worst["box"] is None:
+        assert "Nothing is wrong" in page.locator("#promise").inner_text()
+        return
+    box = page.locator("#box").bounding_box()
+    np.testing.assert_allclose((box["x"], box["y"]), worst["box"][:2], atol=1.0)
+    assert f"{worst['thickness_px']:.1f} px thick" in page.locator("#box").inner_text()
+    walk(page, "w", 300)
+    assert page.evaluate("viewer.state.header.worst") is None or page.evaluate("viewer.state.header.still")
+
+
+def test_the_map_knows_the_cell_and_what_it_draws_how(page):
+    until(page, "document.querySelectorAll('#map-key span').length > 3")
+    page.keyboard.press("m")
+    assert page.get_by_text("near: geometry").is_visible()
+    page.wait_for_timeout(200)
+    data = page.evaluate("document.getElementById('map-picture').toDataURL()")
+    shown = np.asarray(Image.open(io.BytesIO(b64decode(data.partition(",")[2]))).convert("RGB")).reshape(-1, 3)
+    colours = {tuple(one) for one in shown}
+    assert (255, 255, 255) in colours, "near"
+    assert (230, 159, 0) in colours, "layer 0, in the colour that tinted pictures have"
+    page.keyboard.press("m")
 
 
 # --------------------------------------------------------------------------------------------------------------- keep

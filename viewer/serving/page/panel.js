@@ -95,18 +95,19 @@ export function panel({ change, note, download, copyLink, ask, send, save, scale
     numbers.replaceChildren(top, body);
   }
 
+  const px = (value) => `${Number(value).toFixed(1)} px`;
+
   function promise(header) {
-    const promised = hello?.promise_px;
-    const found = header.worst;
-    const px = (value) => `${Number(value).toFixed(1)} px`;
-    let text = promised && promised.thickness !== null
-      ? `Promised: no wrong region is thicker than ${px(promised.thickness)}.` : "This dataset promises nothing: a cell of it could not keep the bound.";
+    const promised = header.promised_px?.thickness ?? null, found = header.worst;
+    const whole = hello?.promise_px?.thickness ?? null;
+    let text = promised === null ? "Nothing is promised for this view." : `Promised here: no wrong region is thicker than ${px(promised)}.`;
+    if (promised === null && whole === null) text = "Not every cell of this dataset could promise a bound.";
     if (look().worst) {
+      if (found?.why) text = found.why;
       if (!header.still) text += " Stand still to have the worst region measured.";
       else if (!found) text += " Measuring\u2026";
-      else if (found.why) text = found.why + (found.box ? ` The worst region is ${px(found.thickness_px)} thick.` : " Nothing is wrong in this view.");
       else if (!found.box) text += " Nothing is wrong in this view.";
-      else text += ` Worst in this view: ${px(found.thickness_px)} thick, displaced by ${px(found.displacement_px)}.`;
+      else text += ` Worst in this view: ${px(found.thickness_px)} thick; impostors are off by at most ${px(found.displacement_px)}.`;
     }
     byId("promise").textContent = text;
   }
