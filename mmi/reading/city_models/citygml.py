@@ -22,6 +22,7 @@ from pyproj.exceptions import ProjError
 
 from mmi.foundation.errors import CityError
 from mmi.reading.city_models.citygml_looks import Look, read_looks
+from mmi.reading.city_models.extruded import height_from_attributes, prism_of_rings
 from mmi.reading.city_models.faces import Faces
 from mmi.reading.coordinates import named_crs
 from mmi.reading.names import UniqueNames
@@ -68,7 +69,9 @@ def read_citygml(path: Path, ledger: Ledger, *, lod: str | None = None, crs: pyp
         if kind == "Building":
             ledger.note("read", "buildings")
             name = names.free(own)
-            if surfaces.add_building(name, *_at_level(member, lod, name, targets, ledger)):
+            polygons, why_none = _at_level(member, lod, name, targets, ledger)
+            footprints = [] if polygons else _footprints(member)
+            if surfaces.add_building(name, polygons, footprints, why_none):
                 buildings += 1
                 names.take(name)
                 ledger.note("repaired", "repeated id made unique", name, count=int(name != own))
@@ -193,6 +196,36 @@ def _at_level(
     return polygons, _NO_SURFACES
 
 
+_Footprint = tuple[ElementTree.Element, tuple[float, str], bool]
+"""A polygon at level of detail 0, its height and where that comes from, and whether it is the edge of a roof."""
+
+
+def _footprints(building: ElementTree.Element) -> list[_Footprint]:
+    """The polygons at level of detail 0 of a building and its parts; none where one of them has no height."""
+    whole = height_from_attributes(_attributes(building))
+    found: list[_Footprint] = []
+    for holder in [building, *(one for one in building.iter() if local_name(one) == "BuildingPart")]:
+        flat = {local_name(child): child for child in holder if local_name(child) in ("lod0FootPrint", "lod0RoofEdge")}
+        kind = next((name for name in ("lod0FootPrint", "lod0RoofEdge") if name in flat), None)
+        height = height_from_attributes(_attributes(holder)) or whole
+        if kind is not None and height is None:
+            return []
+        if kind is not None and height is not None:
+            polygons = (one for one in flat[kind].iter() if local_name(one) in ("Polygon", "Triangle"))
+            found += [(polygon, height, kind == "lod0RoofEdge") for polygon in polygons]
+    return found
+
+
+def _attributes(holder: ElementTree.Element) -> dict[str, object]:
+    """Numbers that stand directly in a building, by name; those in feet say so."""
+    feet = [child for child in holder if re.search("ft|feet|foot", child.attrib.get("uom", ""), re.IGNORECASE)]
+    return {
+        local_name(child): {"value": (child.text or "").strip(), "uom": "ft" if child in feet else ""}
+        for child in holder
+        if not len(child)
+    }
+
+
 def _targets(root: ElementTree.Element) -> _Targets:
     """What the links of a document name."""
     links = {link_of(element) for element in root.iter()} - {""}
@@ -224,18 +257,25 @@ class _Surfaces:
         self._uv: list[list[float]] = []
         self._damage: str | None = None
 
-    def add_building(self, name: str, polygons: list[_Sided], why_none: str) -> bool:
-        """Polygons, each with the looks that its id has. False, and a note, where there are none or one is damaged."""
+    def add_building(self, name: str, polygons: list[_Sided], footprints: list[_Footprint], why_none: str) -> bool:
+        """Polygons, each with the looks that its id has, and prisms on footprints.
+
+        False, and a note, where there is neither or one is damaged.
+        """
         mark = self._faces.mark()
-        reason = why_none if not polygons else None
-        for polygon, turned in polygons:
-            try:
+        reason = None if polygons or footprints else why_none
+        try:
+            for polygon, turned in polygons:
                 self._add_face(polygon, turned)
-            except ValueError as error:
-                reason = "coordinates that are no places"
-                self._damage = self._damage or f"{self._path}: object {name}: {error}"
-                self._faces.cut_back(mark)
-                break
+            for footprint in footprints:
+                self._add_prism(*footprint)
+        except ValueError as error:
+            reason = "coordinates that are no places"
+            self._damage = self._damage or f"{self._path}: object {name}: {error}"
+            self._faces.cut_back(mark)
+        else:
+            for _, (_, source), _ in footprints:
+                self._ledger.note("inferred", f"height of a footprint from {source}", name)
         if reason is not None:
             self._ledger.note("left out", f"building: {reason}", name)
             return False
@@ -257,6 +297,13 @@ class _Surfaces:
         if turned:
             rings, uv = [ring[::-1] for ring in rings], [own[::-1] for own in uv]
         self._faces.add(len(self._names), rings, texture=texture, uv=uv, color=color)
+
+    def _add_prism(self, footprint: ElementTree.Element, height: tuple[float, str], roof: bool) -> None:
+        rings, _ = self._rings(footprint)
+        outlines = [np.array([self._points[k] for k in ring]).reshape(-1, 3) for ring in rings]
+        points, faces = prism_of_rings(outlines, height[0], roof=roof) if outlines else ((), [])
+        places = [self._place(tuple(point.tolist())) for point in points]
+        self._faces.add_bare(len(self._names), [[[places[k] for k in ring] for ring in face] for face in faces])
 
     def add_ground(self, name: str, member: ElementTree.Element, *, relief: bool) -> None:
         """All polygons of a feature that lies on the ground; what covers the ground tells nothing where it has a relief."""

@@ -26,15 +26,20 @@ from mmi.city.model import TriangleMesh
 from mmi.foundation.errors import CityError
 from mmi.reading.city_models.cityjson_parts import (
     DAMAGE,
+    attributes_of,
     color_of,
     families_of,
+    is_building_kind,
     level_of,
     line_of,
     points_of,
     surfaces_of,
     theme_values,
+    without_looks,
     worth_of,
 )
+from mmi.reading.city_models.cityjson_templates import INSTANCE, placed_template
+from mmi.reading.city_models.extruded import height_from_attributes, prism_of_rings
 from mmi.reading.city_models.faces import Color, Faces
 from mmi.reading.coordinates import named_crs
 from mmi.reading.names import UniqueNames
@@ -44,14 +49,6 @@ from mmi.reading.report import Ledger
 
 __all__ = ["is_cityjson", "read_cityjson"]
 
-_BUILDING = (
-    "Building",
-    "BuildingPart",
-    "BuildingInstallation",
-    "BuildingConstructiveElement",
-    "Tunnel",
-    "OtherConstruction",
-)
 _GROUND = ("Road", "Railway", "Square", "TransportSquare", "LandUse", "PlantCover", "WaterBody", "Waterway")
 _DEPTH = MappingProxyType({"MultiSurface": 1, "CompositeSurface": 1, "Solid": 2, "MultiSolid": 3, "CompositeSolid": 3})
 _HEAD = 4096
@@ -129,6 +126,9 @@ class _Reader:
         self._streets: list[RawStreet] = []
         self._scale, self._translate = np.ones(3), np.zeros(3)
         self._no_places: frozenset[int] = frozenset()
+        self._templates: Any = None
+        self._here, self._number = np.empty((0, 3)), 0
+        self._added: list[NDArray[np.float64]] = []
         self._crs: pyproj.CRS | None = None
         self._images: dict[str, int | None] = {}
         self._textures: list[int | None] = []
@@ -144,6 +144,9 @@ class _Reader:
             except DAMAGE as error:
                 raise CityError(f"{self._path}: transform: scale and translate expected, three numbers each") from error
         self._crs = self._declared_crs(document.get("metadata") or {})
+        self._templates = document.get("geometry-templates")
+        if not document.get("CityObjects") and isinstance(self._templates, dict):
+            self._templates = without_looks(self._templates)  # features of a sequence have looks of their own
 
     def take(self, feature: Mapping[str, Any]) -> None:
         """All city objects of a document or feature."""
@@ -156,10 +159,11 @@ class _Reader:
             points = points * self._scale + self._translate
             self._no_places = frozenset(np.flatnonzero(~(np.abs(points) < _FARTHEST).all(axis=1)).tolist())
         points[list(self._no_places)] = 0.0
-        self._points.append(points)
+        self._here, self._number, self._added = points, len(points), []
         for family, members in families_of(objects).items():
-            self._take_sound_family(family, [(name, objects[name]) for name in members], len(points))
-        self._count += len(points)
+            self._take_sound_family(family, [(name, objects[name]) for name in members])
+        self._points.append(np.concatenate([points, *self._added]))
+        self._count += self._number
 
     def layer(self) -> ModelLayer:
         """What was collected.
@@ -185,12 +189,12 @@ class _Reader:
 
     # ------------------------------------------------------------------------------------------------- objects
 
-    def _take_sound_family(self, family: str, members: list[tuple[str, dict[str, Any]]], vertices: int) -> None:
+    def _take_sound_family(self, family: str, members: list[tuple[str, dict[str, Any]]]) -> None:
         """A family; where something is wrong with it, nothing of it, and a note."""
         tables = (self._faces, self._ground, self._cover)
         marks, streets = [one.mark() for one in tables], len(self._streets)
         try:
-            self._take_family(family, members, vertices)
+            self._take_family(family, [(name, self._without_instances(one)) for name, one in members])
         except DAMAGE as error:
             for table, mark in zip(tables, marks, strict=True):
                 table.cut_back(mark)
@@ -198,28 +202,48 @@ class _Reader:
             self._damage = self._damage or (
                 f"{self._path}: object {family}: geometry as CityJSON describes it expected, found other ({line_of(error)})"
             )
-            kinds = {one.get("type") for _, one in members if isinstance(one, dict)}
-            what = "building" if any(isinstance(kind, str) and kind in _BUILDING for kind in kinds) else "object"
+            is_building = any(isinstance(one, dict) and is_building_kind(one.get("type")) for _, one in members)
+            what = "building" if is_building else "object"
             self._ledger.note("left out", f"{what}: geometry that is not as CityJSON describes it", family)
 
-    def _take_family(self, family: str, members: list[tuple[str, dict[str, Any]]], vertices: int) -> None:
-        kinds = {one["type"].lstrip("+") for _, one in members}
-        if kinds & set(_BUILDING):
-            self._take_building(family, [(name, one) for name, one in members if one["type"] in _BUILDING], vertices)
+    def _without_instances(self, one: dict[str, Any]) -> dict[str, Any]:
+        """The object with geometries of its own in place of templates."""
+        geometries = one.get("geometry") or []
+        if not any(geometry["type"] == INSTANCE for geometry in geometries):
+            return one
+        own = []
+        for geometry in geometries:
+            if geometry["type"] == INSTANCE:
+                geometry, points = placed_template(self._templates, geometry, self._here, self._number)
+                self._add_points(points)
+                self._ledger.note("read", "instances of templates")
+            own.append(geometry)
+        return {**one, "geometry": own}
+
+    def _add_points(self, points: NDArray[np.float64]) -> None:
+        """More points of this feature, behind those that it has."""
+        if not (np.abs(points) < _FARTHEST).all():
+            raise ValueError(f"finite coordinates expected, below {_FARTHEST:g}")
+        self._added.append(points)
+        self._number += len(points)
+
+    def _take_family(self, family: str, members: list[tuple[str, dict[str, Any]]]) -> None:
+        if any(is_building_kind(one["type"]) for _, one in members):
+            self._take_building(family, [(name, one) for name, one in members if is_building_kind(one["type"])])
             return
         for name, one in members:
             kind = one["type"]
             for geometry in one.get("geometry") or []:
                 if kind == "TINRelief":
-                    self._add(self._ground, 0, geometry, vertices, looks=False)
+                    self._add(self._ground, 0, geometry, looks=False)
                 elif kind in ("Road", "Square", "TransportSquare") and geometry["type"] == "MultiLineString":
-                    self._take_street(name, one, geometry, vertices)
+                    self._take_street(name, one, geometry)
                 elif kind in _GROUND and geometry["type"] in _DEPTH:
-                    self._add(self._cover, 0, geometry, vertices, looks=False)
+                    self._add(self._cover, 0, geometry, looks=False)
             if kind not in ("TINRelief", *_GROUND):
                 self._ledger.note("left out", f"{kind}: no building", name)
 
-    def _take_building(self, family: str, members: list[tuple[str, dict[str, Any]]], vertices: int) -> None:
+    def _take_building(self, family: str, members: list[tuple[str, dict[str, Any]]]) -> None:
         """The surfaces of a building and its parts at one level of detail."""
         self._ledger.note("read", "buildings")
         choices = [
@@ -227,8 +251,7 @@ class _Reader:
         ]
         levels = sorted({level_of(geometry) for geometry in choices if level_of(geometry) >= 1.0})
         if not levels:
-            other = any(one.get("geometry") for _, one in members)
-            self._ledger.note("left out", f"building: {'only footprints' if other else 'no geometry'}", family)
+            self._take_footprints(family, members)
             return
         wanted = levels[-1]
         if self._lod is not None:
@@ -251,23 +274,50 @@ class _Reader:
                 level = max(below, default=wanted)
             at_level = [geometry for geometry in own if level_of(geometry) == level]
             if at_level:
-                self._add(self._faces, owner, max(at_level, key=worth_of), vertices, looks=True)
-        own_name = self._names.free(family)
-        self._names.take(own_name)
-        self._owners[own_name] = owner
-        self._ledger.note("repaired", "repeated id made unique", own_name, count=int(own_name != family))
+                self._add(self._faces, owner, max(at_level, key=worth_of), looks=True)
+        self._name_owner(family)
 
-    def _add(self, faces: Faces, owner: int, geometry: Mapping[str, Any], vertices: int, *, looks: bool) -> None:
+    def _name_owner(self, family: str) -> None:
+        """The next owner of faces is the building ``family``."""
+        name = self._names.free(family)
+        self._names.take(name)
+        self._owners[name] = len(self._owners)
+        self._ledger.note("repaired", "repeated id made unique", name, count=int(name != family))
+
+    def _take_footprints(self, family: str, members: list[tuple[str, dict[str, Any]]]) -> None:
+        """A building that has footprints only: a prism on each, where its attributes, or those of the part, say how high."""
+        whole = next((height_from_attributes(attributes_of(one)) for name, one in members if name == family), None)
+        standing = False
+        kinds: set[str] = set()
+        for _, one in members:
+            flat = [geometry for geometry in one.get("geometry") or [] if geometry["type"] in _DEPTH]
+            kinds |= {str(geometry["type"]) for geometry in one.get("geometry") or [] if geometry["type"] not in _DEPTH}
+            height = height_from_attributes(attributes_of(one)) or whole
+            if flat and height is None:
+                self._ledger.note("left out", "building: only footprints, without a height", family)
+                return
+            if flat and height is not None:
+                standing = True
+                best = max(flat, key=level_of)
+                for rings in self._checked_surfaces(best):
+                    points, faces = prism_of_rings([self._here[ring] for ring in rings], height[0])
+                    first = self._count + self._number
+                    self._add_points(points)
+                    self._faces.add_bare(
+                        len(self._owners), [[[first + k for k in ring] for ring in face] for face in faces]
+                    )
+                self._ledger.note("inferred", f"height of a footprint from {height[1]}", family)
+        if standing:
+            self._name_owner(family)
+        else:
+            why = f"no surfaces ({', '.join(sorted(kinds))})" if kinds else "no geometry"
+            self._ledger.note("left out", f"building: {why}", family)
+
+    def _add(self, faces: Faces, owner: int, geometry: Mapping[str, Any], *, looks: bool) -> None:
+        surfaces = self._checked_surfaces(geometry)
         depth = _DEPTH[geometry["type"]]
-        surfaces = list(surfaces_of(geometry["boundaries"], depth))
         textures = theme_values(geometry.get("texture"), depth, len(surfaces)) if looks else None
         materials = theme_values(geometry.get("material"), depth, len(surfaces)) if looks else None
-        every = list(chain.from_iterable(chain.from_iterable(surfaces)))
-        if every and not (set(map(type, every)) == {int} and min(every) >= 0 and max(every) < vertices):
-            raise ValueError(f"vertex {str(max(every))[:20]} of {vertices}")
-        if self._no_places and not self._no_places.isdisjoint(every):
-            first = min(self._no_places.intersection(every))
-            raise ValueError(f"vertices: {first}: three finite numbers expected, below {_FARTHEST:g}")
         if self._count:  # points of features that came before
             surfaces = [[[self._count + k for k in ring] for ring in surface] for surface in surfaces]
         if not (textures or materials):
@@ -278,6 +328,17 @@ class _Reader:
             place = materials[i] if materials else None
             color = self._materials[place] if isinstance(place, int) and 0 <= place < len(self._materials) else None
             faces.add(owner, rings, texture=texture, uv=uv, color=color)
+
+    def _checked_surfaces(self, geometry: Mapping[str, Any]) -> list[list[list[int]]]:
+        """The surfaces of a geometry, whose corners are all among the points of the feature."""
+        surfaces = list(surfaces_of(geometry["boundaries"], _DEPTH[geometry["type"]]))
+        every = list(chain.from_iterable(chain.from_iterable(surfaces)))
+        if every and not (set(map(type, every)) == {int} and min(every) >= 0 and max(every) < self._number):
+            raise ValueError(f"vertex {str(max(every))[:20]} of {self._number}")
+        if self._no_places and not self._no_places.isdisjoint(every):
+            first = min(self._no_places.intersection(every))
+            raise ValueError(f"vertices: {first}: three finite numbers expected, below {_FARTHEST:g}")
+        return surfaces
 
     def _texture(self, value: Any, count: int) -> tuple[int | None, list[list[int]]]:  # noqa: ANN401
         """Picture and places of texture coordinates, from one value a ring: [texture, uv, uv, ...]."""
@@ -291,12 +352,12 @@ class _Reader:
         uv = [[self._uv_count + int(k) for k in ring[1:] if k is not None and 0 <= k < known] for ring in value]
         return self._textures[place], uv
 
-    def _take_street(self, name: str, one: Mapping[str, Any], geometry: Mapping[str, Any], vertices: int) -> None:
-        points = self._points[-1]
+    def _take_street(self, name: str, one: Mapping[str, Any], geometry: Mapping[str, Any]) -> None:
+        points = self._here
         lines = [
             LineString(points[line, :2])
             for line in geometry["boundaries"]
-            if len(line) > 1 and all(0 <= k < vertices for k in line) and self._no_places.isdisjoint(line)
+            if len(line) > 1 and all(0 <= k < len(points) for k in line) and self._no_places.isdisjoint(line)
         ]
         tags = {str(key): str(value) for key, value in (one.get("attributes") or {}).items() if value is not None}
         self._ledger.note("read", "streets")

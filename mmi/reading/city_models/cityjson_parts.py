@@ -15,18 +15,53 @@ from mmi.reading.city_models.faces import Color
 
 __all__ = [
     "DAMAGE",
+    "attributes_of",
     "color_of",
     "families_of",
+    "is_building_kind",
     "level_of",
     "line_of",
     "points_of",
     "surfaces_of",
     "theme_values",
+    "without_looks",
     "worth_of",
 ]
 
 DAMAGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, RecursionError)
 """What Python raises on JSON of another shape than expected."""
+_BUILDING = frozenset(
+    {"Building", "BuildingPart", "BuildingInstallation", "BuildingConstructiveElement", "Tunnel", "OtherConstruction"}
+)
+_INSIDE = ("room", "storey", "unit", "furniture", "intbuilding")
+
+
+def is_building_kind(kind: object) -> bool:
+    """Whether objects of this type are buildings or what belongs to one; of extensions (``+GenericBuilding``) the name tells.
+
+    Rooms, storeys and furniture of buildings are inside of them.
+    """
+    if isinstance(kind, str) and kind.startswith("+"):
+        return "building" in kind.lower() and not any(word in kind.lower() for word in _INSIDE)
+    return isinstance(kind, str) and kind in _BUILDING
+
+
+def attributes_of(one: Mapping[str, Any]) -> dict[str, Any]:
+    """The attributes of an object, none where they are something else."""
+    attributes = one.get("attributes")
+    return attributes if isinstance(attributes, dict) else {}
+
+
+def without_looks(templates: dict[str, Any]) -> dict[str, Any]:
+    """Geometry templates without their materials and textures."""
+    shapes = templates.get("templates")
+    bare = [
+        {key: value for key, value in shape.items() if key not in ("material", "texture")}
+        if isinstance(shape, dict)
+        else shape
+        for shape in (shapes if isinstance(shapes, list) else [])
+    ]
+    return {**templates, "templates": bare}
 
 
 def families_of(objects: Mapping[str, Any]) -> dict[str, list[str]]:

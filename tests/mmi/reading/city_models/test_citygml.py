@@ -515,6 +515,47 @@ def test_links_that_lead_nowhere_are_counted_with_their_building(tmp_path):
     }
 
 
+def footprint(z=2.0, x0=0.0, kind="FootPrint", turned=False):
+    square = np.array([(x0, 0, z), (x0 + 10, 0, z), (x0 + 10, 10, z), (x0, 10, z)])[:: -1 if turned else 1]
+    inside = f"<gml:MultiSurface>{members([polygon(square, f'f{x0}')])}</gml:MultiSurface>"
+    return f"<bldg:lod0{kind}>{inside}</bldg:lod0{kind}>"
+
+
+def height(value, uom="m"):
+    return f'<bldg:measuredHeight uom="{uom}">{value}</bldg:measuredHeight>'
+
+
+@pytest.mark.parametrize(
+    ("content", "span"),
+    [
+        (footprint() + height(9), (2.0, 11.0)),
+        (footprint(turned=True) + height(9, "#m"), (2.0, 11.0)),
+        (footprint() + height(10, "urn:ogc:def:uom:UCUM::[ft_i]"), (2.0, 5.048)),
+        (footprint() + "<bldg:storeysAboveGround>3</bldg:storeysAboveGround>", (2.0, 11.6)),
+        (footprint(12.0, kind="RoofEdge") + height(9), (3.0, 12.0)),
+        (footprint(12.0, kind="RoofEdge") + footprint() + height(9), (2.0, 11.0)),
+        (height(9) + part("p", footprint()), (2.0, 11.0)),
+        (height(7) + part("p", footprint() + height(9)), (2.0, 11.0)),
+    ],
+)
+def test_footprints_with_a_height_are_prisms(content, span, tmp_path):
+    layer, ledger = read(
+        model(building("a", content), building("b", footprint() + solid(faces(box_at(), "b")))), tmp_path
+    )
+    prism, other = (one.mesh for one in layer.items)
+    assert volume(prism) == pytest.approx(100.0 * (span[1] - span[0]))
+    assert (prism.vertices[:, 2].min(), prism.vertices[:, 2].max()) == pytest.approx(span)
+    assert volume(other) == pytest.approx(600.0), "solids go before footprints"
+    assert sum(one.count for one in ledger.report(source="", crs="", origin=(0, 0, 0)).inferred) == 1
+
+
+@pytest.mark.parametrize("content", [footprint(), footprint() + height(-1), height(7), part("p", footprint())])
+def test_footprints_without_a_height_are_left_out(content, tmp_path):
+    layer, ledger = read(model(building("a", content), building("b", solid(faces(box_at(), "b")))), tmp_path)
+    assert [one.id for one in layer.items] == ["b"]
+    assert ledger.count("left out", "building: no surfaces above level of detail 0") == 1
+
+
 def test_no_building(tmp_path):
     path = tmp_path / "city.gml"
     path.write_text(model("<core:Bridge/>"))

@@ -282,8 +282,143 @@ def test_only_footprints_are_left_out(tmp_path):
     made = document(a=building(flat), b=building(solid(SECOND)), c={"type": "Building"})
     layer, ledger = read(made, tmp_path)
     assert [item.id for item in layer.items] == ["b"]
-    assert ledger.count("left out", "building: only footprints") == 1
+    assert ledger.count("left out", "building: only footprints, without a height") == 1
     assert ledger.count("left out", "building: no geometry") == 1
+
+
+def test_a_reason_names_the_geometry_that_there_is(tmp_path):
+    points = {"type": "MultiPoint", "lod": "1", "boundaries": [0, 1]}
+    _, ledger = read(document(a=building(points), b=building(solid(SECOND))), tmp_path)
+    assert ledger.count("left out", "building: no surfaces (MultiPoint)") == 1
+
+
+def test_footprints_with_a_height_are_prisms(tmp_path):
+    """The height of a building or of its part; where there is a solid, it counts."""
+    flat = {"type": "MultiSurface", "lod": "0", "boundaries": [[[0, 3, 2, 1]]]}
+    other = {"type": "MultiSurface", "lod": "0", "boundaries": [[[8, 9, 10, 11]]]}
+    made = document(
+        a=building(flat, attributes={"measuredHeight": 25.0}),
+        b=building(solid(SECOND), flat, attributes={"measuredHeight": 25.0}),
+        c={"type": "Building", "attributes": {"storeysAboveGround": 2}},
+        d={"type": "BuildingPart", "parents": ["c"], "geometry": [flat], "attributes": {"measuredHeight": 5}},
+        e={"type": "BuildingPart", "parents": ["c"], "geometry": [other]},
+    )
+    layer, ledger = read(made, tmp_path)
+    assert [size(item) for item in layer.items] == [[10, 10, 25], [10, 10, 3], [40, 10, pytest.approx(6.4)]]
+    assert [len(item.mesh.triangles) for item in layer.items] == [12, 12, 24]
+    assert ledger.count("left out") == 0
+    assert {one.what: one.count for one in ledger.report(source="", crs="", origin=(0, 0, 0)).inferred} == {
+        "height of a footprint from measuredHeight": 2,
+        "height of a footprint from storeysAboveGround x 3.2 m": 1,
+    }
+    city, _ = read_city(tmp_path / "city.json", ReadOptions(network="all"))
+    assert all(one.core for one in city.objects), "they are solid"
+
+
+def test_footprints_of_a_sequence(tmp_path):
+    """Points of prisms do not shift those of the features behind."""
+    flat = {"type": "MultiSurface", "lod": "0", "boundaries": [[[0, 3, 2, 1]]]}
+    high = building(flat, attributes={"measuredHeight": 25.0})
+    features = [
+        document(**{name: one}) | {"type": "CityJSONFeature"} for name, one in (("a", high), ("b", building(solid())))
+    ]
+    layer, _ = read([document(), *features, features[0]], tmp_path, name="city.jsonl")
+    assert [(item.id, size(item)) for item in layer.items] == [
+        ("a", [10, 10, 25]), ("b", [10, 10, 6]), ("a#2", [10, 10, 25]),
+    ]  # fmt: skip
+
+
+TURN = [0, -1, 0, 100, 1, 0, 0, 0, 0, 0, 2, 0, 0, 0, 0, 1]
+"""A quarter turn, twice as high, 100 m to the east."""
+
+
+def instance(number=0, reference=0, matrix=TURN):
+    return {"type": "GeometryInstance", "template": number, "boundaries": [reference], "transformationMatrix": matrix}
+
+
+def with_templates(**objects):
+    """A document with two templates: a box of 4 x 2 x 3 m with a red material and a floor of it."""
+    made = document(**objects)
+    made["geometry-templates"] = {
+        "templates": [
+            {"type": "Solid", "lod": "2", "boundaries": [FACES], "material": {"m": {"value": 0}}},
+            {"type": "MultiSurface", "lod": "1", "boundaries": [[[0, 3, 2, 1]]]},
+        ],
+        "vertices-templates": [*box_corners(0, 0, 0, 4, 2, 3).tolist(), [9.0, 9.0, 9.0]],
+    }
+    made["appearance"] = {"materials": [{"name": "red", "diffuseColor": [1, 0, 0]}]}
+    return made
+
+
+def test_templates_are_placed_with_their_matrix(tmp_path):
+    """Reference 1 is 10 m to the east of the corner of all; the floor of the other template is too coarse to count."""
+    made = with_templates(
+        a=building(instance(reference=1), instance(1)), b=building(solid(SECOND)), c=building(instance())
+    )
+    layer, ledger = read(made, tmp_path)
+    low = [item.mesh.vertices.min(axis=0) - (385000.0, 6672000.0, 10.0) for item in layer.items]
+    high = [item.mesh.vertices.max(axis=0) - (385000.0, 6672000.0, 10.0) for item in layer.items]
+    assert np.round(low, 6).tolist() == [[108, 0, 0], [30, 0, 0], [98, 0, 0]]
+    assert np.round(high, 6).tolist() == [[110, 4, 6], [40, 10, 3], [100, 4, 6]]
+    assert [set(map(tuple, item.mesh.colors.tolist())) for item in layer.items][::2] == [{(255, 0, 0)}] * 2
+    assert ledger.count("read", "instances of templates") == 3
+    assert ledger.count("left out") == 0
+
+
+def test_templates_of_a_sequence_are_painted(tmp_path):
+    features = [document(**{name: building(instance())}) | {"type": "CityJSONFeature"} for name in "ab"]
+    layer, _ = read([with_templates(), *features], tmp_path, name="city.jsonl")
+    assert [size(item) for item in layer.items] == [[pytest.approx(2), pytest.approx(4), pytest.approx(6)]] * 2
+    assert all((item.mesh.textures == PAINTED).all() for item in layer.items)
+
+
+@pytest.mark.parametrize(
+    ("bad", "why"),
+    [
+        (instance(7), "template 7 of 2"),
+        (instance(-1), "template -1 of 2"),
+        (instance(True), "template True of 2"),
+        (instance(reference=99), "vertex 99 of 16"),
+        (instance(matrix=[1, 2, 3]), "reshape"),
+        (instance(matrix=[float("nan")] * 16), "16 finite numbers"),
+        (instance(matrix=[1e300] * 16), "finite coordinates"),
+        (instance() | {"boundaries": []}, "object b"),
+        ({"type": "GeometryInstance"}, "'template'"),
+    ],
+)
+def test_damaged_instances_are_left_out(bad, why, tmp_path):
+    layer, ledger = read(with_templates(a=building(solid()), b=building(bad)), tmp_path)
+    assert [item.id for item in layer.items] == ["a"]
+    assert ledger.count("left out", f"building: {NOT_AS_DESCRIBED}") == 1
+    with pytest.raises(CityError, match=f"object b: .*{why}|{why}"):
+        read(with_templates(b=building(bad)), tmp_path)
+
+
+@pytest.mark.parametrize("templates", [None, [], {}, {"templates": 5}, {"templates": [{}], "vertices-templates": []}])
+def test_damaged_templates_are_left_out(templates, tmp_path):
+    made = with_templates(a=building(solid()), b=building(instance())) | {"geometry-templates": templates}
+    layer, ledger = read(made, tmp_path)
+    assert [item.id for item in layer.items] == ["a"]
+    assert ledger.count("left out", f"building: {NOT_AS_DESCRIBED}") == 1
+    lines = [made | {"CityObjects": {}}, made | {"type": "CityJSONFeature"}]
+    assert [item.id for item in read(lines, tmp_path, name="c.jsonl")[0].items] == ["a"]
+
+
+def test_buildings_of_extensions_are_told_by_their_names(tmp_path):
+    made = document(
+        a=building(solid()) | {"type": "+GenericBuilding"},
+        b=building(solid(SECOND)) | {"type": "+NoiseBuilding"},
+        c=building(solid()) | {"type": "+NoiseCityFurnitureSegment"},
+        d=building(solid()) | {"type": "+BuildingRoomExtra"},
+        e={"type": "Building"},
+        f=building(solid(SECOND)) | {"type": "+MyBuildingPart", "parents": ["e"]},
+    )
+    layer, ledger = read(made, tmp_path)
+    assert [item.id for item in layer.items] == ["a", "b", "e"]
+    assert {one.what: one.count for one in ledger.report(source="", crs="", origin=(0, 0, 0)).left_out} == {
+        "+NoiseCityFurnitureSegment: no building": 1,
+        "+BuildingRoomExtra: no building": 1,
+    }
 
 
 @pytest.mark.parametrize("kind", ["MultiSurface", "CompositeSurface", "Solid", "MultiSolid", "CompositeSolid"])
