@@ -65,8 +65,12 @@ class OsmFile:
     def box(self, number: int, x0: float, y0: float, x1: float, y1: float, **tags: str) -> None:
         self.way(number, [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)], **tags)
 
-    def relation(self, number: int, members: Sequence[tuple[int, str]], **tags: str) -> None:
-        refs = "".join(f'<member type="way" ref="{way}" role="{role}"/>' for way, role in members)
+    def relation(
+        self, number: int, members: Sequence[tuple[int, str]], areas: Sequence[tuple[int, str]] = (), **tags: str
+    ) -> None:
+        """Members are ways; ``areas`` are members that are relations."""
+        both = [("way", *member) for member in members] + [("relation", *area) for area in areas]
+        refs = "".join(f'<member type="{kind}" ref="{ref}" role="{role}"/>' for kind, ref, role in both)
         self._relations.append(f'<relation id="{number}" version="1">{refs}{_tags(tags)}</relation>')
 
     def write(self, path: Path, *, ways_first: bool = False) -> Path:

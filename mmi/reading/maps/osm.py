@@ -49,6 +49,17 @@ class _Relation:
 
 
 @dataclass(frozen=True, slots=True)
+class _Group:
+    """A relation of type building: its tags, ids of the ways and areas that outline it, and whether it is tagged building."""
+
+    id: str
+    tags: dict[str, str]
+    ways: tuple[int, ...]
+    areas: tuple[int, ...]
+    says_building: bool
+
+
+@dataclass(frozen=True, slots=True)
 class _Way:
     """A way's node ids and their (longitude, latitude), None where the file lacks the node."""
 
@@ -73,17 +84,24 @@ def read_osm(path: Path, ledger: Ledger, *, buildings: bool, streets: bool) -> t
     """
     try:
         text = look_through(path)
-        relations, members = _read_relations(text, ledger, buildings=buildings, streets=streets)
+        relations, groups, members = _read_relations(text, ledger, buildings=buildings, streets=streets)
+        areas = _read_areas(text, {number for group in groups for number in group.areas})
+        members |= {number for outer, inner in areas.values() for number in (*outer, *inner)}
         ways, raw_buildings, raw_streets = _read_ways(text, ledger, members, buildings=buildings, streets=streets)
     except (osmium.InvalidLocationError, RuntimeError, ValueError, EOFError, zlib.error) as error:
         # osmium has no class for all of its errors; what decompresses has others.
         raise CityError(f"{path}: expected OpenStreetMap XML or PBF, complete to its end; found: {error}") from error
     assembled: list[RawBuilding] = []
     outlines: set[int] = set()
-    for relation in relations:
+    tagged = {f"way/{number}": f"way/{number}" for number, _, _ in raw_buildings} | {
+        one.id: one.id for one in relations
+    }
+    tagged |= {f"way/{number}": one.id for one in relations if "building" in one.tags for number in one.outer}
+    more_relations, more_tags = _from_groups(groups, areas, tagged, ledger)
+    for relation in (*relations, *more_relations):
         geometry = _assemble(relation, ways, ledger)
         if geometry is not None:
-            assembled.append(RawBuilding(relation.id, geometry, relation.tags))
+            assembled.append(RawBuilding(relation.id, geometry, more_tags.get(relation.id, {}) | relation.tags))
             if "building" in relation.tags:
                 outlines.update(relation.outer)
     for number, way, tags in raw_buildings:
@@ -91,7 +109,7 @@ def read_osm(path: Path, ledger: Ledger, *, buildings: bool, streets: bool) -> t
         if number in outlines and "building:part" not in tags:
             ledger.note("left out", "building: outline of a relation that was read", id_)
         elif (polygon := _polygon_from_way(id_, way, ledger)) is not None:
-            assembled.append(RawBuilding(id_, polygon, tags))
+            assembled.append(RawBuilding(id_, polygon, more_tags.get(id_, {}) | tags))
     crs = pyproj.CRS.from_epsg(4326)
     return (
         BuildingLayer(str(path), tuple(assembled), crs, True, "height tag", "building:levels"),
@@ -135,22 +153,30 @@ def _places_in_ways(text: OsmText) -> dict[int, tuple[float, float]]:
 
 def _read_relations(
     text: OsmText, ledger: Ledger, *, buildings: bool, streets: bool
-) -> tuple[list[_Relation], frozenset[int]]:
-    """Building relations that are areas, and the ids of all ways that they need."""
+) -> tuple[list[_Relation], list[_Group], frozenset[int]]:
+    """Building relations that are areas, those that group others, and the ids of all ways that they need."""
     relations: list[_Relation] = []
+    groups: list[_Group] = []
     members: set[int] = set()
     for relation in _entities(text, osmium.osm.RELATION):
         id_ = f"relation/{relation.id}"
         if streets and "highway" in relation.tags:
             ledger.note("read", "highways")
             ledger.note("left out", "street: a relation, which is an area", id_)
+        kind = relation.tags.get("type", "")
+        if buildings and kind == "building" and id_ not in text.deleted:
+            outline = [(one.type, one.ref) for one in relation.members if one.role == "outline"]
+            outline_ways, outline_areas = (tuple(ref for type_, ref in outline if type_ == wanted) for wanted in "wr")
+            tags = _tags_of(relation.tags, _BUILDING_TAGS)
+            groups.append(_Group(id_, tags, outline_ways, outline_areas, _is_building(relation.tags)))
+            members.update(outline_ways)
+            continue
         if not buildings or not _is_building(relation.tags):
             continue
         ledger.note("read", "buildings" if "building" in relation.tags else "building parts")
         if id_ in text.deleted:
             ledger.note("left out", "building: deleted in an editor", id_)
             continue
-        kind = relation.tags.get("type", "")
         if kind not in {"multipolygon", "boundary"}:
             ledger.note("left out", f"building: relation of type {kind or 'none'}, only groups others", id_)
             continue
@@ -161,7 +187,49 @@ def _read_relations(
                 (inner if member.role == "inner" else outer).append(member.ref)
         members.update(outer, inner)
         relations.append(_Relation(id_, _tags_of(relation.tags, _BUILDING_TAGS), tuple(outer), tuple(inner)))
-    return relations, frozenset(members)
+    return relations, groups, frozenset(members)
+
+
+def _read_areas(text: OsmText, wanted: set[int]) -> dict[int, tuple[tuple[int, ...], tuple[int, ...]]]:
+    """The outer and inner ways of relations by their ids; the file is read only where some are wanted."""
+    areas: dict[int, tuple[tuple[int, ...], tuple[int, ...]]] = {}
+    for relation in _entities(text, osmium.osm.RELATION) if wanted else ():
+        if relation.id in wanted:
+            ways = [(one.role == "inner", one.ref) for one in relation.members if one.type == "w"]
+            outer, inner = (tuple(ref for is_inner, ref in ways if is_inner is side) for side in (False, True))
+            areas[relation.id] = (outer, inner)
+    return areas
+
+
+def _from_groups(
+    groups: list[_Group],
+    areas: dict[int, tuple[tuple[int, ...], tuple[int, ...]]],
+    tagged: dict[str, str],
+    ledger: Ledger,
+) -> tuple[list[_Relation], dict[str, dict[str, str]]]:
+    """What relations of type building say: buildings that only they name, and more tags for buildings that are there.
+
+    ``tagged`` has the building that each way or relation outlines, where that is told without them.
+    """
+    relations: list[_Relation] = []
+    more: dict[str, dict[str, str]] = {}
+    for group in groups:
+        outlines = [*(f"way/{number}" for number in group.ways), *(f"relation/{number}" for number in group.areas)]
+        known = sorted({tagged[id_] for id_ in outlines if id_ in tagged})
+        if known or not outlines:
+            if group.says_building:
+                ledger.note("read", "buildings")
+                ledger.note("left out", "building: relation of type building, only groups others", group.id)
+            told = {key: value for key, value in group.tags.items() if key not in ("building", "building:part")}
+            for id_ in known if told else ():
+                more[id_] = told
+                ledger.note("noted", "building with the tags of its relation", id_)
+            continue
+        ledger.note("read", "buildings")
+        outer = (*group.ways, *(way for number in group.areas for way in areas.get(number, ((), ()))[0]))
+        inner = tuple(way for number in group.areas for way in areas.get(number, ((), ()))[1])
+        relations.append(_Relation(group.id, {"building": "yes"} | group.tags, outer, inner))
+    return relations, more
 
 
 def _read_ways(

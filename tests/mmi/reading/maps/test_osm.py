@@ -87,6 +87,51 @@ def test_broken_relations_are_survived_and_counted(tmp_path):
     assert tally(report, "repaired", "relation with an incomplete courtyard: courtyard filled") == 1
 
 
+@pytest.mark.parametrize("ways_first", [False, True])
+def test_a_building_that_only_its_relation_tells(tmp_path, ways_first):
+    """Outlines without tags: a way, two halves of one, and a multipolygon with a courtyard. Parts stand in them."""
+    osm = with_street()
+    osm.box(1, 100, 0, 120, 20)
+    osm.box(2, 100, 0, 110, 20, building__part="yes", height="30")
+    osm.relation(8, [(1, "outline"), (2, "part")], type="building", building="church", height="9")
+    osm.way(3, [(200, 0), (220, 0), (220, 20)])
+    osm.way(4, [(220, 20), (200, 20), (200, 0)])
+    osm.relation(9, [(3, "outline"), (4, "outline")], type="building", name="of no height")
+    courtyard(osm)
+    osm.relation(5, [(11, "outer"), (12, "outer"), (13, "inner")], type="multipolygon")
+    osm.relation(10, [], [(5, "outline")], type="building", building="yes", height="12")
+    city, report = read_city(osm.write(tmp_path / "a.osm", ways_first=ways_first))
+    found = {one.id: (area(one), [prism.top for prism in one.prisms]) for one in city.objects}
+    assert found == {
+        "relation/8": (pytest.approx(400, rel=0.01), [9.0, 30.0]),
+        "relation/9": (pytest.approx(400, rel=0.01), [pytest.approx(12.0)]),
+        "relation/10": (pytest.approx(1200, rel=0.01), [12.0]),
+    }
+    assert report.left_out == ()
+    assert tally(report, "read", "buildings") == 3
+
+
+def test_tags_that_only_the_relation_of_a_building_has(tmp_path):
+    """Its outline is a building by itself: it keeps its own tags, and takes from the relation those that it lacks."""
+    osm = with_street()
+    osm.box(1, 0, 0, 20, 20, building="yes")
+    osm.relation(7, [(1, "outline")], type="building", building="church", height="30")
+    osm.box(2, 40, 0, 60, 20, building="yes", height="5")
+    osm.relation(8, [(2, "outline")], type="building", height="30")
+    courtyard(osm)
+    osm.relation(5, [(11, "outer"), (12, "outer"), (13, "inner")], type="multipolygon", building="yes")
+    osm.relation(9, [(11, "outline")], type="building", height="12")
+    osm.box(3, 70, 0, 90, 20, building__part="yes", height="8")
+    osm.relation(10, [(3, "outline")], type="building", building="yes")
+    osm.relation(11, [(2, "part")], type="building", building="yes", height="99")
+    city, report = read_city(osm.write(tmp_path / "a.osm"))
+    tops = {"relation/5": 12.0, "way/1": 30.0, "way/2": 5.0, "way/3": 8.0}
+    assert {one.id: one.top for one in city.objects} == tops
+    assert tally(report, "left out", "building: relation of type building, only groups others") == 3
+    (line,) = [one for one in report.noted if one.what == "building with the tags of its relation"]
+    assert line.examples == ("way/1", "way/2", "relation/5")
+
+
 def test_the_outer_way_of_a_building_is_not_a_second_building(tmp_path):
     osm = with_street()
     osm.box(1, 0, 0, 20, 20, building="yes", height="5")
