@@ -2,7 +2,7 @@
 
     python benchmarks/hostile_clients.py OUT [--seconds 60] [--clients 50] [--share 0.05]
 
-The program itself is started, on 127.0.0.1. A well-behaved client walks a tour and takes every frame; its frames are counted
+The program itself is started, on 127.0.0.1. A well-behaved client looks around and takes every frame; its frames are counted
 alone, beside the attackers, and alone again. The attackers share a process that is held to ``--share`` of a core, since beyond
 that they would measure the machine, and end by themselves. Each is one of these, over and over:
 
@@ -94,7 +94,7 @@ async def silence(url: str, budget: Budget, _: aiohttp.ClientSession) -> None:
 
 def page(url: str, session: aiohttp.ClientSession) -> AbstractAsyncContextManager[aiohttp.ClientWebSocketResponse]:
     return session.ws_connect(
-        url + "socket", origin=url.rstrip("/"), max_msg_size=0, timeout=aiohttp.ClientWSTimeout(1.0)
+        url + "socket", origin=url.rstrip("/"), max_msg_size=0, timeout=aiohttp.ClientWSTimeout(ws_close=1.0)
     )
 
 
@@ -179,7 +179,7 @@ def attackers(url: str, seconds: float, clients: int, share: float, results: Que
 # -------------------------------------------------------------------------------------------------- who behaves well
 
 
-class Walker:
+class Visitor:
     """A client as the page is one, which does not decode what it is sent."""
 
     def __init__(self, url: str) -> None:
@@ -187,7 +187,7 @@ class Walker:
         self.at: list[float] = []
 
     async def run(self, joined: asyncio.Event) -> None:
-        """Walk for ever; ``joined`` is set with the first frame."""
+        """Look around for ever; ``joined`` is set with the first frame."""
         async with aiohttp.ClientSession() as session, page(self.url, session) as socket:
             await socket.send_json(SIZE)
             async for received in socket:
@@ -195,8 +195,8 @@ class Walker:
                     header, _ = opened(received.data)
                     await socket.send_json({"type": "ack", "frame": header["frame"]})
                     self.at.append(time.perf_counter())
-                    if header["playing"] is None:
-                        await socket.send_json({"type": "walk", "do": "tour"})
+                    if not joined.is_set():
+                        await socket.send_json({"type": "input", "seq": 1, "held": {"turn": 0.5}})
                     joined.set()
                 elif json.loads(received.data)["type"] == "error":
                     self.errors += 1
@@ -215,8 +215,8 @@ def megabytes(process: int) -> float:
 
 
 async def measured(url: str, process: int, options: argparse.Namespace) -> None:
-    walker, joined = Walker(url), asyncio.Event()
-    walking = asyncio.create_task(walker.run(joined))
+    visitor, joined = Visitor(url), asyncio.Event()
+    visiting = asyncio.create_task(visitor.run(joined))
     await asyncio.wait_for(joined.wait(), 60.0)
     await asyncio.sleep(max(8.0, options.seconds / 3.0))  # cells are loaded, and all is warm
     context = get_context("spawn")
@@ -235,20 +235,20 @@ async def measured(url: str, process: int, options: argparse.Namespace) -> None:
             await asyncio.sleep(0.25)
             if attacker is not None:
                 memory.append(megabytes(process))
-            if walking.done():
-                await walking
-        parts.append((part, *walker.rate(start, time.perf_counter())))
+            if visiting.done():
+                await visiting
+        parts.append((part, *visitor.rate(start, time.perf_counter())))
         if attacker is not None:
             done = await asyncio.to_thread(results.get, True, 30.0)
             attacker.join()
             await asyncio.sleep(2.0)
     memory.append(megabytes(process))
-    walking.cancel()
+    visiting.cancel()
     for part, rate, longest in parts:
         print(f"{part}: {rate:.1f} frames a second, the longest pause {longest:.0f} ms")
     alone = 0.5 * (parts[0][1] + parts[2][1])
     print(
-        f"the well-behaved client kept {100 * parts[1][1] / alone:.0f} % of its frames, and was told {walker.errors} errors"
+        f"the well-behaved client kept {100 * parts[1][1] / alone:.0f} % of its frames, and was told {visitor.errors} errors"
     )
     print(
         f"memory: {memory[0]:.0f} MB before, at most {max(memory):.0f} MB ({100 * (max(memory) / memory[0] - 1):+.1f} %), "

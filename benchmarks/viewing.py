@@ -89,7 +89,8 @@ def told(name: str, found: dict[str, Any]) -> str:
     parts = " | ".join(f"{means[part]:.1f} ({100 * means[part] / sum(means.values()):.0f} %)" for part in PARTS)
     return (
         f"| {name} | {1e3 / between.mean():.1f} | {np.median(between):.1f} / {np.percentile(between, 95):.1f} "
-        f"| {np.median(latencies):.0f} / {np.percentile(latencies, 95):.0f} | {parts} | {100 * busy:.0f} % |"
+        f"| {np.median(latencies):.0f} / {np.percentile(latencies, 95):.0f}, {2.0 * np.median(between) + 20.0:.0f} "
+        f"| {parts} | {100 * busy:.0f} % |"
     )
 
 
@@ -113,7 +114,8 @@ def main() -> None:
         page.evaluate("document.body.classList.add('folded'); document.getElementById('map').hidden = true")
         until(page, f"viewer.state.header.width === {width}")
         print(
-            "| mode | frames a second | between frames, ms: p50 / p95 | key to picture, ms: p50 / p95 | drawing ms "
+            "| mode | frames a second | between frames, ms: p50 / p95 | key to picture, ms: p50 / p95, "
+            "two frames and 20 ms | drawing ms "
             "| reading back | composing | encoding | sending and word back | page | the drawing thread is busy |"
         )
         print("|" + "---|" * 11)

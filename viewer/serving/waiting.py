@@ -21,7 +21,7 @@ _TOLD_EVERY = 2.0
 class WaitingRoom:
     """Places for ``most`` clients at once, on one asyncio loop; ``rate`` newcomers a second after a ``burst``."""
 
-    def __init__(self, most: int = 4, *, rate: float = 1.0, burst: int = 4) -> None:
+    def __init__(self, most: int = 4, *, rate: float = 0.5, burst: int = 4) -> None:
         self._free = most
         self._line: dict[str, asyncio.Future[None]] = {}
         self._pace = Allowance(rate, burst)
