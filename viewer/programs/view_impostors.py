@@ -19,6 +19,7 @@ __all__ = ["view_impostors"]
 _EXAMPLE = """\
 examples:
   view-impostors out/helsinki                          opens a page in your browser; Ctrl-C ends it
+  view-impostors out/helsinki --window                 the same in a window of its own, which ends it
   view-impostors out/helsinki --port 8080 --no-browser
   view-impostors out/helsinki --techniques full,multi-mesh,my_module:my_technique
   view-impostors out/helsinki --host 0.0.0.0           for other machines; prints the address with the token they need
@@ -61,7 +62,14 @@ def view_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         metavar="TEXT",
         help="token that the page demands (default: none on this machine only, else a random one)",
     )
-    server.add_argument("--no-browser", action="store_true", help="print the address and open no browser")
+    where = server.add_mutually_exclusive_group()
+    where.add_argument("--no-browser", action="store_true", help="print the address and open no browser")
+    where.add_argument(
+        "--window",
+        action="store_true",
+        help="show the page in a window of its own, by an installed Chromium, Chrome, Edge or Brave; the program ends when it "
+        "is closed",
+    )
     run_program(parser, arguments, _view, kept="the viewer was ended")
 
 
@@ -69,7 +77,8 @@ def _view(options: argparse.Namespace) -> None:
     if not 1.0 <= options.cache <= 1e6:
         raise ParameterError(f"--cache: 1 to 1000000 MB expected, found {options.cache:g}")
     try:
-        from viewer.serving.server import ServerOptions, serve
+        from viewer.serving.desktop import find_browser, has_screen, show_window
+        from viewer.serving.server import ServerOptions, ServerThread, serve
     except ImportError as error:
         raise ParameterError(
             f'{error.name}: a package of the viewer expected; pip install "multi-mesh-impostors[viewer]" brings it'
@@ -90,12 +99,17 @@ def _view(options: argparse.Namespace) -> None:
     def started(address: str) -> None:
         print(address, flush=True)
         print("Ctrl-C ends the viewer.", file=sys.stderr, flush=True)
-        if not options.no_browser and _has_screen():
+        if not options.no_browser and has_screen(os.environ):
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
-    serve(Studio(options.dataset, wanted), chosen, started=started)
-
-
-def _has_screen() -> bool:
-    """Whether a browser can open a window here; without one, some would take over the terminal."""
-    return sys.platform in ("darwin", "win32") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    studio = Studio(options.dataset, wanted)
+    if not options.window:
+        serve(studio, chosen, started=started)
+        return
+    try:
+        find_browser()
+        with studio, ServerThread(studio, chosen) as address:
+            print(address, flush=True)
+            show_window(address)
+    except ParameterError as error:
+        raise ParameterError(f"--window: {error}") from None

@@ -103,15 +103,6 @@ def test_missing_packages_are_named(dataset):
     )
 
 
-def test_a_browser_is_opened_only_where_there_is_a_screen(monkeypatch):
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(sys, "platform", "linux")
-    assert not program._has_screen()
-    monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
-    assert program._has_screen()
-
-
 def test_techniques_are_offered_and_the_first_and_last_are_compared(dataset, monkeypatch):
     offered = []
     monkeypatch.setattr(server, "serve", lambda studio, *_, **__: offered.append(studio.options))
@@ -136,3 +127,26 @@ def test_help_has_examples_that_are_read_as_they_stand(capsys):
                 view_impostors(shlex.split(example)[1:])
             assert left.value.code == 0, example
     assert len(parsed) == len(examples)
+
+
+def test_a_window_of_its_own_ends_the_program_when_it_is_closed(capsys, dataset, tmp_path, monkeypatch):
+    """The only browser here is a script that asks for its address, as a browser does, and ends."""
+    browser = tmp_path / "chromium"
+    fetch = "import sys, urllib.request as u; print(u.urlopen(sys.argv[1].partition('=')[2], timeout=9).status)"
+    browser.write_text(f'#!/bin/sh\n{sys.executable} -c "{fetch}" "$1" > {tmp_path}/status\n')
+    browser.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setenv("DISPLAY", ":77")
+    status, out, err = run(capsys, dataset.path, "--window")
+    assert (status, err) == (0, "")
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\n", out)
+    assert (tmp_path / "status").read_text() == "200\n"
+
+    browser.write_text("#!/bin/sh\necho no display >&2\nexit 1\n")
+    status, _, err = run(capsys, dataset.path, "--window")
+    assert (status, err) == (2, f"view-impostors: error: --window: {browser}: a window expected, found: no display\n")
+    browser.unlink()
+    status, out, err = run(capsys, dataset.path, "--window")
+    assert (status, out) == (2, "")
+    assert "--window: Chromium, Google Chrome, Microsoft Edge or Brave expected, found none; install one" in err
+    assert "not allowed with argument" in run(capsys, dataset.path, "--window", "--no-browser")[2]
