@@ -1,9 +1,9 @@
 """Walking through a dataset of multi-mesh impostors, and measuring what a viewer sees.
 
-Compare techniques with the geometry (:func:`compare_views`, :func:`compare_walk`), or put a walk together: a scene
-(:func:`open_scene`), a technique (:func:`make_technique`), a cache (:func:`cell_cache`), a :class:`Renderer`, and the
-:class:`FrameLoop`. The packages, from the ground up: plan, walks, scene, cells, techniques, drawing, measuring, runtime,
-report, programs.
+Compare techniques with the geometry (:func:`compare_views`, :func:`compare_walk`), walk through a dataset in a notebook
+(:func:`show_in_notebook`), or put a walk together: a scene (:func:`open_scene`), a technique (:func:`make_technique`), a cache
+(:func:`cell_cache`), a :class:`Renderer`, and the :class:`FrameLoop`. The packages, from the ground up: plan, walks, scene,
+cells, techniques, drawing, measuring, runtime, report, window, serving, programs.
 """
 
 from __future__ import annotations
