@@ -47,7 +47,7 @@ def run_program(
         program(options)
         sys.stdout.flush()
     except MmiError as error:
-        parser.exit(2, f"{parser.prog}: error: {' '.join(str(error).split())}\n")
+        parser.exit(2, f"{parser.prog}: error: {_one_line(str(error))}\n")
     except KeyboardInterrupt:
         parser.exit(130, f"{parser.prog}: interrupted; {kept}\n")
     except BrokenPipeError:  # whoever read our output has left: say nothing more, to nobody
@@ -55,8 +55,14 @@ def run_program(
         sys.exit(0)
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
-        parser.exit(2, f"{parser.prog}: error: {where}{error.strerror or error}\n")
+        parser.exit(2, f"{parser.prog}: error: {_one_line(f'{where}{error.strerror or error}')}\n")
     sys.exit(0)
+
+
+def _one_line(text: str) -> str:
+    """The words of a message; characters in names from files that would command a terminal are written as codes."""
+    words = " ".join(text.split())
+    return "".join(one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in words)
 
 
 class ProgressBar:

@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.processes import usable_cores
@@ -32,6 +32,8 @@ _TECHNIQUES = "full,visible,local,single-mesh,multi-mesh"
 _MORE = "multi-mesh-dynamic"
 _TOUR_METRES = 300.0
 _VIEWS = 50
+_MOVERS_ERROR = 1.0
+_MOVERS_VALIDITY: Final = "predictive"
 
 _EXAMPLE = """\
 examples:
@@ -144,22 +146,20 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
     movers.add_argument(
         "--movers-error",
         type=float,
-        default=1.0,
         metavar="PX",
-        help="pixels that images of them may be wrong by (default: %(default)g)",
+        help=f"pixels that images of them may be wrong by (default: {_MOVERS_ERROR:g})",
     )
     movers.add_argument(
         "--movers-validity",
         choices=("predictive", "common"),
-        default="predictive",
-        help="keep an image for as many frames as are predicted, or as long as it is not wrong now (default: %(default)s)",
+        help="keep an image for as many frames as are predicted, or as long as it is not wrong now "
+        f"(default: {_MOVERS_VALIDITY})",
     )
     movers.add_argument(
         "--movers-time",
         type=float,
-        default=0.0,
         metavar="SECONDS",
-        help="the time at which they stand in random views (default: %(default)g); on a walk they move",
+        help="the time at which they stand in random views (default: 0); on a walk they move",
     )
     work = parser.add_argument_group("the work")
     work.add_argument(
@@ -218,14 +218,18 @@ def _compare(options: argparse.Namespace) -> None:
             video=options.video,
             workers=usable_cores(),
             movers=moving,
-            mover_frames=FrameRules(limit_px=options.movers_error, calculation=options.movers_validity),
-            movers_time=options.movers_time,
+            mover_frames=FrameRules(
+                limit_px=_MOVERS_ERROR if options.movers_error is None else options.movers_error,
+                calculation=options.movers_validity or _MOVERS_VALIDITY,
+            ),
+            movers_time=0.0 if options.movers_time is None else options.movers_time,
         )
     except ParameterError as error:
         name, colon, rest = str(error).partition(":")
         names = {"frames_per_second": "fps", "budget_ms": "budget-ms", "samples": "antialias", "keep": "worst"}
         names |= {"limit_px": "movers-error", "movers_time": "movers-time"}
         raise ParameterError(f"--{names.get(name, name)}{colon}{rest}") from None
+    _check_movers(options, walking=walking)
     path = read_walk(options.path) if options.path is not None else None
 
     def made(scene: WalkScene) -> Walk:
@@ -255,6 +259,15 @@ def _compare(options: argparse.Namespace) -> None:
     elif not options.quiet:
         with suppress(SystemExit):  # rich leaves when nobody reads its output any more (| head)
             _print_table(report, options.output)
+
+
+def _check_movers(options: argparse.Namespace, *, walking: bool) -> None:
+    """Options of what moves mean something only where something moves, and a time only where it stands still."""
+    for name in ("movers_error", "movers_validity", "movers_time"):
+        if getattr(options, name) is not None and options.movers is None:
+            raise ParameterError(f"--{name.replace('_', '-')}: objects that move expected (--movers FILE), found none")
+    if options.movers_time is not None and walking:
+        raise ParameterError("--movers-time: views expected (--views), found a walk, on which objects move")
 
 
 def _print_settling(report: dict[str, Any], talk: Console) -> None:

@@ -5,6 +5,7 @@ import sys
 
 import pytest
 
+from mmi.foundation.errors import MmiError
 from mmi.foundation.plug_ins import plug_in
 from mmi.foundation.progress import ProgressLog, silent
 from mmi.programs.command_line import Parser, ProgressBar, run_program
@@ -60,3 +61,23 @@ def test_programs_import_from_the_current_folder_after_all_others(tmp_path, monk
         run_program(Parser(), [], lambda _: found.append(plug_in("my_study:weight").target), kept="nothing")
     assert (left.value.code, found) == (0, ["my_study:weight"])
     assert sys.path[-1] == str(tmp_path)
+
+
+def test_a_message_is_one_line_and_commands_no_terminal(capsys):
+    def refuse(_):
+        raise MmiError("object a\nb\x1b[31m\u202ec\r\0: K\u00e4rntner Stra\u00dfe \u6771\u4eac")
+
+    with pytest.raises(SystemExit) as left:
+        run_program(Parser(prog="p"), [], refuse, kept="nothing")
+    assert left.value.code == 2
+    expected = "p: error: object a b\\x1b[31m\\u202ec \\x00: K\u00e4rntner Stra\u00dfe \u6771\u4eac\n"
+    assert capsys.readouterr().err == expected
+
+
+def test_a_file_name_that_commands_a_terminal_is_written_out(capsys):
+    def refuse(_):
+        raise FileNotFoundError(2, "No such file or directory", "a\x1b[2Jb\nc")
+
+    with pytest.raises(SystemExit):
+        run_program(Parser(prog="p"), [], refuse, kept="nothing")
+    assert capsys.readouterr().err == "p: error: a\\x1b[2Jb c: No such file or directory\n"

@@ -72,6 +72,17 @@ def test_movers_come_from_a_file(capsys, dataset, tmp_path):
     assert re.search(r"^  multi-mesh: [\d.]+ as geometry, [\d.]+ hidden, [\d.]+ as images", out, re.MULTILINE)
 
 
+def test_a_time_for_movers_that_would_move_anyway_is_refused(capsys, dataset, tmp_path):
+    write_movers(movers_of([[(0.0, 80, 2, 0, 0)]], crs="EPSG:32631"), tmp_path / "one.json")
+    moving = ("--tour", 5, "--movers", tmp_path / "one.json", "--movers-time", 3)
+    status, out, err = run(capsys, dataset.path, "-o", tmp_path / "r", *moving)
+    assert (status, out) == (2, "")
+    assert (
+        err
+        == "compare-impostors: error: --movers-time: views expected (--views), found a walk, on which objects move\n"
+    )
+
+
 def test_json_is_all_there_is_on_standard_output(capsys, dataset, tmp_path):
     status, out, _ = run(capsys, dataset.path, "-o", tmp_path, "--views", 1, "--json", *QUICK)
     assert status == 0
@@ -153,6 +164,9 @@ def test_a_tour_is_saved_and_walked_again(capsys, dataset, tmp_path):
         (["--movers-error", "0"], "--movers-error: 0.01 to 100 expected"),
         (["--movers-validity", "guess"], "--movers-validity"),
         (["--movers-time", "nan"], "--movers-time"),
+        (["--movers-error", "2"], "--movers-error: objects that move expected"),
+        (["--movers-validity", "common"], "--movers-validity: objects that move expected"),
+        (["--movers-time", "0"], "--movers-time: objects that move expected"),
     ],
 )
 def test_a_wrong_option_gets_one_line(capsys, dataset, tmp_path, arguments, said):
