@@ -283,7 +283,8 @@ def _print_settling(report: dict[str, Any], talk: Console) -> None:
         talk.print(
             f"  {name}: {_frames_told('like the geometry', one['alike_frames'])}, {one['unlike']} not, "
             f"{one['later_than_layers']} after more frames than layers; "
-            f"{_frames_told('settled', one['settled_frames'])}, {one['unsettled']} not"
+            f"{_frames_told('settled', one['settled_frames'])}, {one['unsettled']} not",
+            soft_wrap=True,
         )
     talk.print("frames: p50 / p99 / max of the views that came there; layers: p50 / max", style="dim")
 
