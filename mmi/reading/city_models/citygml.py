@@ -17,10 +17,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pyproj
-from numpy.typing import NDArray
-from pyproj.exceptions import ProjError
 
 from mmi.foundation.errors import CityError
+from mmi.reading.city_models.axis_order import axes_are_exchanged
 from mmi.reading.city_models.citygml_looks import Look, read_looks
 from mmi.reading.city_models.extruded import height_from_attributes, prism_of_rings
 from mmi.reading.city_models.faces import Faces
@@ -252,6 +251,7 @@ class _Surfaces:
         self._looks, self._shelf = looks
         self._faces, self._relief, self._cover = Faces(), Faces(), Faces()
         self._names: list[str] = []
+        self._prisms: set[int] = set()
         self._points: list[tuple[float, ...]] = []
         self._places: dict[tuple[float, ...], int] = {}
         self._uv: list[list[float]] = []
@@ -274,6 +274,7 @@ class _Surfaces:
             self._damage = self._damage or f"{self._path}: object {name}: {error}"
             self._faces.cut_back(mark)
         else:
+            self._prisms |= {len(self._names)} if footprints else set()
             for _, (_, source), _ in footprints:
                 self._ledger.note("inferred", f"height of a footprint from {source}", name)
         if reason is not None:
@@ -323,15 +324,13 @@ class _Surfaces:
         if not self._names and self._damage is not None:
             raise CityError(self._damage)
         points = np.array(self._points, dtype=np.float64).reshape(-1, 3)
-        if (
-            crs is not None
-            and crs.axis_info
-            and crs.axis_info[0].direction.lower() == "north"
-            and not _east_first(points, crs)
-        ):
-            points = points[:, [1, 0, 2]]
         uv = np.array(self._uv, dtype=np.float64).reshape(-1, 2)
         meshes = self._faces.meshes(points, uv)
+        if crs is not None:
+            solids = (mesh for owner, mesh in meshes.items() if owner not in self._prisms)
+            if axes_are_exchanged(points, crs, solids, self._ledger):
+                points = points[:, [1, 0, 2]]
+                meshes = self._faces.meshes(points, uv)
         items = tuple(RawModel(name, meshes[owner]) for owner, name in enumerate(self._names) if owner in meshes)
         for name in (name for owner, name in enumerate(self._names) if owner not in meshes):
             self._ledger.note("left out", "building: no surface with an area", name)
@@ -365,18 +364,3 @@ class _Surfaces:
         if place == len(self._points):
             self._points.append(point)
         return place
-
-
-def _east_first(points: NDArray[np.float64], crs: pyproj.CRS) -> bool:
-    """Whether coordinates stand east first although the CRS says north first, as many writers have it."""
-    area = crs.area_of_use
-    if area is None or not len(points):
-        return False
-    x, y = np.median(points[:, :2], axis=0)
-    try:
-        to_degrees = pyproj.Transformer.from_crs(crs, pyproj.CRS.from_epsg(4326), always_xy=True)
-        places = [to_degrees.transform(x, y), to_degrees.transform(y, x)]
-    except ProjError:
-        return False
-    inside = [area.west <= lon <= area.east and area.south <= lat <= area.north for lon, lat in places]
-    return inside[0] and not inside[1]

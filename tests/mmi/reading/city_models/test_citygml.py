@@ -368,6 +368,60 @@ def test_northing_first(swapped, tmp_path):
     assert layer.items[0].mesh.vertices.min(axis=0) == pytest.approx(corners.min(axis=0))
 
 
+ANKARA = (32.8, 39.9)
+"""Both orders are places on earth: the other one is in Yemen."""
+
+
+def town_of(place, *, latitude_first, floors=True, inwards=()):
+    """Three houses of 30 x 10 m at a place (longitude, latitude) as CityGML in EPSG:4326."""
+    houses = []
+    for k in range(3):
+        corners = box_at(x1=30.0, y0=20.0 * k, y1=20.0 * k + 10)
+        lon_lat = corners[:, :2] * DEGREES + place
+        swapped = np.column_stack([lon_lat[:, ::-1] if latitude_first else lon_lat, corners[:, 2]])
+        sides = [quad[::-1] if k in inwards else quad for quad in QUADS[0 if floors else 1 :]]
+        houses.append(building(f"h{k}", solid([polygon(swapped[list(q)], f"h{k}-{i}") for i, q in enumerate(sides)])))
+    return model(*houses, crs="urn:ogc:def:crs:EPSG::4326")
+
+
+@pytest.mark.parametrize("floors", [True, False])
+@pytest.mark.parametrize("latitude_first", [True, False])
+@pytest.mark.parametrize("place", [ANKARA, (45.0, 45.0), (-20.0, 64.0), (-70.0, -33.0)])
+def test_faces_that_look_outwards_tell_the_order_of_axes(place, latitude_first, floors, tmp_path):
+    layer, ledger = read(town_of(place, latitude_first=latitude_first, floors=floors), tmp_path)
+    points = np.concatenate([one.mesh.vertices for one in layer.items])
+    assert points[:, :2].min(axis=0) == pytest.approx(place)
+    assert np.ptp(points[:, :2], axis=0) == pytest.approx([30 * DEGREES, 50 * DEGREES], rel=1e-4)
+    assert all(volume(one.mesh) > 0.0 for one in layer.items)
+    said = "order of the axes: east first, though the coordinate system says north first"
+    assert ledger.count("noted", said) == (not latitude_first)
+
+
+@pytest.mark.parametrize("latitude_first", [True, False])
+def test_faces_that_contradict_one_another_prove_nothing(latitude_first, tmp_path):
+    """Then the coordinate system is taken at its word."""
+    layer, ledger = read(town_of(ANKARA, latitude_first=latitude_first, inwards=(0,)), tmp_path)
+    first = np.concatenate([one.mesh.vertices for one in layer.items])[:, :2].min(axis=0)
+    assert first == pytest.approx(ANKARA if latitude_first else ANKARA[::-1])
+    assert ledger.count("noted") == 0
+
+
+@pytest.mark.parametrize("latitude_first", [True, False])
+def test_the_area_of_a_system_goes_before_faces(latitude_first, tmp_path):
+    """Faces that look inwards are turned, where only one order is in Japan."""
+    text = town_of(TOKYO, latitude_first=latitude_first, inwards=(0, 1, 2)).replace("::4326", "::6697")
+    layer, _ = read(text, tmp_path)
+    assert np.concatenate([one.mesh.vertices for one in layer.items])[:, :2].min(axis=0) == pytest.approx(TOKYO)
+
+
+def test_prisms_on_footprints_prove_nothing(tmp_path):
+    """They are made to look outwards whatever the order is."""
+    square = np.array([(39.9, 32.8, 0.0), (39.9001, 32.8, 0.0), (39.9001, 32.8003, 0.0), (39.9, 32.8003, 0.0)])
+    flat = f"<bldg:lod0FootPrint><gml:MultiSurface>{members([polygon(square, 'f')])}</gml:MultiSurface></bldg:lod0FootPrint>"
+    layer, _ = read(model(building("a", flat + height(9)), crs="urn:ogc:def:crs:EPSG::4326"), tmp_path)
+    assert layer.items[0].mesh.vertices[:, :2].min(axis=0) == pytest.approx(ANKARA)
+
+
 def test_without_crs(tmp_path):
     layer, _ = read(model(building("a", solid(faces(box_at(), "a"))), crs=None), tmp_path)
     assert layer.crs is None
