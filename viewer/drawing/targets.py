@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import moderngl
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from viewer.drawing.programs import Programs
@@ -102,11 +103,8 @@ class Targets:
     def measures(self) -> Measures:
         """What the measured picture says besides colours, the top row first."""
         whole = self._whole[True]
-        ids = self._read(whole, 1, 1, "i4")
-        surface = self._read(whole, 2, 2, "f4").reshape(*ids.shape, 2)
-        depth = np.where(surface[..., 0] > _SKY_DEPTH, np.inf, surface[..., 0]).astype(np.float32)
-        displacement = np.where(surface[..., 1] < 0.0, np.nan, surface[..., 1]).astype(np.float32)
-        return Measures(ids, depth, displacement)
+        ids = np.ascontiguousarray(self._read(whole, 1, 1, "i4"))
+        return Measures(ids, *_surfaces(self._read(whole, 2, 2, "f4").reshape(*ids.shape, 2)))
 
     @property
     def _scissor(self) -> tuple[int, int, int, int] | None:
@@ -144,3 +142,15 @@ class Targets:
             dtype="f1" if dtype == "u1" else dtype,
         )
         return np.frombuffer(data, dtype=dtype).reshape(self.size[1], -1)[::-1]
+
+
+@njit(cache=True, nogil=True)
+def _surfaces(surface: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Depth and displacement (h, w) of what was drawn as (h, w, 2); infinite and NaN where there are none."""
+    height, width, _ = surface.shape
+    depth, displacement = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
+    for i in range(height):
+        for j in range(width):
+            depth[i, j] = np.inf if surface[i, j, 0] > _SKY_DEPTH else surface[i, j, 0]
+            displacement[i, j] = np.nan if surface[i, j, 1] < 0.0 else surface[i, j, 1]
+    return depth, displacement
