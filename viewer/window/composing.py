@@ -35,6 +35,8 @@ _TURNS = 1e-3
 """Seconds after which other threads may take the interpreter from a frame: a window answers while it draws."""
 _NEVER_LATE = frozenset({"full", "visible", "local", "single-mesh", "multi-mesh"})
 """Techniques that do the same whatever time there is, and so need not know what things cost."""
+_FRAME = 1.0 / 20.0
+"""Seconds that a frame should take at most; updates get what drawing leaves of it, within the client's own budget."""
 _SETTLED = 3
 """A view is settled when it was drawn so many times without anything being captured for it."""
 
@@ -243,6 +245,7 @@ class Pictures:
                 painting,
                 self.stage.share(share),
                 camera=main.camera,
+                budget=_FRAME,
                 costs=None if name in _NEVER_LATE else self.stage.costs,
                 turns=_TURNS,
             )

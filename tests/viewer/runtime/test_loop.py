@@ -1,5 +1,6 @@
 """The frame loop with a painter that draws nothing: what it asks for, and when."""
 
+import sys
 import time
 from dataclasses import replace
 
@@ -371,3 +372,27 @@ def test_what_is_drawn_for_the_first_time_is_made_behind_the_loading_screen(scen
     assert painter.prepared == [i for i, step in enumerate(steps) if step.cut or not i]
     assert [one.loading >= 0.25 for one in times] == [one.cut for one in times]
     assert all(one.total < 0.25 for one in times)
+
+
+def test_a_window_changes_its_camera_its_budget_and_the_turns(scenes):
+    """Between frames; other threads get the interpreter within a window's turns, and the usual ones are back afterwards."""
+    painter, turns = Painter(), []
+    draw = painter.draw
+
+    def noting(plan, view, *, read=True):
+        turns.append(sys.getswitchinterval())
+        return draw(plan, view, read=read)
+
+    painter.draw = noting
+    camera = scenes["multi-mesh"].camera
+    with cell_cache(scenes, painter, capacity=1 << 30) as cache:
+        usual = sys.getswitchinterval()
+        loop = FrameLoop(make_technique("full", scenes), painter, cache, camera=camera, updates=0.25, turns=2e-3)
+        pose = WALK.keyframes[0].pose
+        frame = loop.frame(pose, 0.0)
+        assert (frame.times.budget.updates, frame.view.window[2:]) == (0.25, (camera.width, camera.height))
+        loop.updates, loop.camera = 0.0, replace(camera, width=2 * camera.width)
+        frame = loop.frame(pose, 0.1)
+        assert (frame.times.budget.updates, frame.view.window[2:]) == (0.0, (2 * camera.width, camera.height))
+    assert turns == [pytest.approx(2e-3)] * 2
+    assert sys.getswitchinterval() == usual
