@@ -100,7 +100,7 @@ class Client:
         """When its user last did something."""
         self._size: Size | None = None
         self._drawn: Size | None = None
-        """Of its window, and of what is drawn for it."""
+        """Its window's size, and that of what is drawn for it."""
         self._proved = False
         """Whether it has drawn a frame."""
         self._resizing: asyncio.TimerHandle | None = None
@@ -254,6 +254,7 @@ class Client:
                 self._drawn = self._size if self._proved else _at_most(self._size, _FIRST_PIXELS)
                 self._studio.join(self._name, (self._drawn.width, self._drawn.height))
                 self._inside, self._said_at = True, self._loop.time()
+                self._fixed, self._lossless = None, False  # as the studio begins, too
                 try:
                     about = self._studio.about()
                     colors = {layer: layer_color(layer)[0] for layer in about["layers"]}

@@ -61,6 +61,7 @@ function note(name, text, { kind = "", action = null, seconds = 0 } = {}) {
 function cover(title, text, clear = false) {
   byId("cover").hidden = !title;
   byId("cover").classList.toggle("clear", clear);
+  document.body.classList.toggle("covered", Boolean(title) && !clear);
   if (title) {
     byId("cover-title").textContent = title;
     byId("cover-text").textContent = text;
@@ -302,6 +303,7 @@ const server = connection({
     state.look = { ...hello.look };
     state.header = null;
     state.times.clear();
+    cover("Opening the city", "Drawing the first picture.");
     document.title = `${hello.dataset} – view-impostors`;
     byId("credits").textContent = hello.credits ?? "";
     controlsPanel.hello(hello, state.look);
@@ -449,6 +451,7 @@ addEventListener("hashchange", () => {
   if (Object.keys(link.look).length) change(link.look);
 });
 fold(innerWidth < 860);
+cover("Opening the city", "Connecting to the viewer.");
 server.open();
 
 /** What tests and benchmarks read. */
