@@ -58,11 +58,15 @@ def picture_of(page):
 
 
 def settled(page):
-    """Wait until no new picture has come for half a second; the header of the last one."""
-    count = None
-    while count != (count := page.evaluate("viewer.state.header.frame")):
-        page.wait_for_timeout(500)
-    return page.evaluate("viewer.state.header")
+    """Wait until the viewer stands and no new picture has come for a while; the header of the last one."""
+    seen = [None]
+    for _ in range(60):
+        header = page.evaluate("viewer.state.header")
+        seen.append(header["frame"])
+        if header["still"] and len(seen) > 3 and len(set(seen[-3:])) == 1:
+            return header
+        page.wait_for_timeout(300)
+    raise AssertionError(f"pictures keep coming: {seen}")
 
 
 def own_picture(scene, header, technique):
