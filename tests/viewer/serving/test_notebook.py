@@ -6,11 +6,13 @@ import subprocess
 import sys
 import threading
 from html import unescape
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import urlsplit
 from urllib.request import urlopen
 
 import pytest
+from browsing import a_browser, a_page, until
 from fake_studio import FakeStudio
 
 from mmi.foundation.errors import DatasetError, ParameterError
@@ -87,3 +89,41 @@ def test_mistakes_are_told_before_anything_runs(tmp_path):
 def test_two_viewers_have_an_address_each():
     with NotebookViewer(FakeStudio(), OPTIONS) as one, NotebookViewer(FakeStudio(), OPTIONS) as other:
         assert one.address != other.address
+
+
+class Notebook(BaseHTTPRequestHandler):
+    """A page of another site (localhost, where the viewer is at 127.0.0.1) that shows what a cell gives."""
+
+    def do_GET(self):
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html; charset=utf-8")
+        self.end_headers()
+        self.wfile.write(self.server.shown.encode())
+
+    def log_message(self, *_):
+        pass
+
+
+def test_a_browser_shows_it_within_the_notebook_with_its_film(tmp_path):
+    """No cookie goes to a frame of another site."""
+    with (
+        NotebookViewer(FakeStudio(films=tmp_path), OPTIONS) as shown,
+        ThreadingHTTPServer(("127.0.0.1", 0), Notebook) as notebook,
+        a_browser() as browser,
+        a_page(browser, shown.address) as page,
+    ):
+        notebook.shown = f"<!doctype html><title>notebook</title>{shown._repr_html_()}"
+        threading.Thread(target=notebook.serve_forever, daemon=True).start()
+        try:
+            page.goto(f"http://localhost:{notebook.server_port}/")
+            frame = page.frames[1]
+            until(frame, "document.title === 'crossroads – view-impostors'")
+            frame.evaluate("document.getElementById('film').click()")
+            until(frame, "document.querySelector('#result a') !== null")
+            film = frame.evaluate(
+                "fetch(document.querySelector('#result a').href).then((one) => one.text().then((text) => [one.status, text]))"
+            )
+            assert film == [200, "a film"]
+            assert frame.evaluate("document.querySelector('#result a').download") == "tour.mp4"
+        finally:
+            notebook.shutdown()

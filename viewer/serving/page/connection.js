@@ -38,6 +38,11 @@ export function connection(heard) {
     });
   }
 
+  /** An address on the server with the token: no cookie goes from a frame in a page of another site, such as a notebook's. */
+  function known(path) {
+    return offered === null ? path : `${path}?token=${encodeURIComponent(offered)}`;
+  }
+
   function binary(data) {
     const length = new DataView(data).getUint32(0, true);
     const header = JSON.parse(decoder.decode(new Uint8Array(data, 4, length)));
@@ -56,7 +61,7 @@ export function connection(heard) {
     if (question && message.type !== "progress") {
       questions.delete(message.for);
       if (message.type === "error") question.reject(new Error(message.text));
-      else question.resolve(message);
+      else question.resolve(message.url === undefined ? message : { ...message, url: known(message.url) });
       return;
     }
     if (message.type === "hello") {

@@ -200,7 +200,7 @@ export function panel({ change, note, download, copyLink, ask, send, save, scale
       const { url } = await ask({ type: "film" });
       const video = document.createElement("video"), link = document.createElement("a");
       Object.assign(video, { src: url, controls: true, loop: true, muted: true });
-      Object.assign(link, { href: url, download: url.split("/").pop(), textContent: "Save the film" });
+      Object.assign(link, { href: url, download: new URL(url, location.href).pathname.split("/").pop(), textContent: "Save the film" });
       byId("result").replaceChildren(video, link);
       byId("result").hidden = false;
     } catch (error) { failed(error); }
