@@ -111,6 +111,8 @@ class _Count:
     textures: int
     buildings: int = 0
     triangles: int = 0
+    vehicles: int | None = None
+    """None where nothing drives."""
 
     def passing(self, objects: Iterable[CityObject]) -> Iterator[CityObject]:
         """The same objects, counted."""
@@ -130,6 +132,8 @@ class _Count:
             "triangles": self.triangles,
             "textures": self.textures,
         }
+        if self.vehicles is not None:
+            numbers["vehicles"] = self.vehicles
         if as_json:
             print(json.dumps({name.replace(" ", "_"): number for name, number in numbers.items()}))
         else:
@@ -221,10 +225,11 @@ def _write(options: argparse.Namespace, outputs: list[Path], advance: Progress) 
             write_glb(city, path)
         else:
             write_cityjson(city, path, progress=lambda done, total: advance(done, total, "writing"))
+    count = _count(city)
     if options.preset == "traffic":
         advance(0, len(city.objects), "driving")
-        _write_traffic(options, city, sorted({path.with_suffix(".traffic.json") for path in outputs}))
-    count = _count(city)
+        beside = sorted({path.with_suffix(".traffic.json") for path in outputs})
+        count.vehicles = len(_write_traffic(options, city, beside).ids)
     for _ in count.passing(city.objects):
         pass
     return count

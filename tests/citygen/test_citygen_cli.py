@@ -157,6 +157,13 @@ def test_traffic_stands_beside_its_city(tmp_path, capsys, monkeypatch):
     assert (len(movers.ids), movers.span, movers.crs) == (7, (0.0, 1.0), "local")
 
 
+def test_who_generates_a_town_is_told_of_its_vehicles(tmp_path, capsys):
+    few = ("traffic", "--detail", 0, "--vehicles", 7, "--seconds", 1, "-o", tmp_path / "town.json")
+    assert run(capsys, *few)[1].endswith(", 7 vehicles\n")
+    assert json.loads(run(capsys, *few, "--json")[1])["vehicles"] == 7
+    assert "vehicles" not in run(capsys, "hamlet", "-o", tmp_path / "hamlet.json")[1]
+
+
 def test_a_city_that_is_too_small_is_said(tmp_path, capsys):
     arguments = ("traffic", "--city", HELSINKI, "--vehicles", 90000, "--seconds", 1, "-o", tmp_path / "a.json")
     status, out, err = run(capsys, *arguments)
