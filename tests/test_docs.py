@@ -11,6 +11,9 @@ from pathlib import Path
 import pytest
 from test_architecture import FLOORS
 
+from mmi.movers.movers_file import read_movers
+from mmi.walks.walk import read_walk
+
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = {
     path.relative_to(ROOT).as_posix(): path
@@ -136,6 +139,22 @@ def test_what_pages_ask_the_hook_for_exists():
             r"^<!-- (schema|help|packages|names|file|example) (\S+) -->$", text_of(name), re.MULTILINE
         ):
             assert what in PROJECT["scripts"] if kind == "help" else (ROOT / what).exists(), f"{name}: {what}"
+
+
+def test_every_schema_has_a_page():
+    asked = {what for name in PAGES for what in re.findall(r"^<!-- schema (\S+) -->$", text_of(name), re.MULTILINE)}
+    schemas = {
+        str(one.relative_to(ROOT)) for root in ("mmi", "viewer") for one in ROOT.joinpath(root).rglob("schemas/*.json")
+    }
+    assert schemas - asked == set()
+
+
+def test_examples_of_formats_are_read(tmp_path):
+    """Whoever copies one has a file that works."""
+    for page, read in (("walk", read_walk), ("movers", read_movers)):
+        (example,) = re.findall(r"^```json\n(.*?)^```$", text_of(f"docs/formats/{page}.md"), re.MULTILINE | re.DOTALL)
+        (tmp_path / "example.json").write_text(example, encoding="utf-8")
+        read(tmp_path / "example.json")
 
 
 def unknown_names(text):
