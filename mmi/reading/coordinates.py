@@ -24,6 +24,7 @@ from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from mmi.foundation.errors import CityError, ParameterError
+from mmi.reading.antimeridian import box_of_degrees, boxes_meet, degrees_outside, within_180
 from mmi.reading.raw_layers import BuildingLayer, RawBuilding, RawModel, RawStreet, StreetLayer
 from mmi.reading.report import Ledger
 
@@ -41,7 +42,6 @@ _WGS84 = pyproj.CRS.from_epsg(4326)
 _MAX_SCALE_ERROR = 0.0025
 _MAX_SHEAR_DEGREES = 0.2
 _MIN_CORNERS = 40
-_OVERLAP_MARGIN_DEGREES = 0.003  # some 200-330 m
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +122,7 @@ def _transform(source: pyproj.CRS, target: pyproj.CRS, points: NDArray[np.float6
 
 
 def lonlat_bounds(file: str, bounds: Box, crs: pyproj.CRS) -> Box:
-    """Where coordinates within ``bounds`` of ``crs`` lie: west, south, east, north in degrees.
+    """Where coordinates within ``bounds`` of ``crs`` lie: west, south, east, north in degrees, east up to 360.
 
     Raises:
         CityError: they contradict the CRS, or no city lies there; names ``file`` and says what to do.
@@ -130,7 +130,7 @@ def lonlat_bounds(file: str, bounds: Box, crs: pyproj.CRS) -> Box:
     x0, y0, x1, y1 = bounds
     found = f"{file}: coordinates x {x0:.7g} to {x1:.7g}, y {y0:.7g} to {y1:.7g}"
     name = _name(crs)
-    degrees_like = -180 <= x0 and x1 <= 180 and -90 <= y0 and y1 <= 90
+    degrees_like = -180 <= x0 <= 180 and x1 <= 360 and -90 <= y0 and y1 <= 90
     if crs.is_geographic:
         if -90 <= x0 and x1 <= 90 and (y1 > 90 or y0 < -90) and -180 <= y0 and y1 <= 180:
             raise CityError(f"{found} are no longitude and latitude: latitude and longitude look swapped")
@@ -150,8 +150,8 @@ def lonlat_bounds(file: str, bounds: Box, crs: pyproj.CRS) -> Box:
             raise CityError(f"{file}: {name} cannot be placed on the earth; name a CRS with --crs EPSG:...") from error
         if not (np.isfinite(places).all() and np.isfinite(again).all() and np.abs(again - corners).max() < 1.0):
             raise CityError(f"{found} do not fit {name}; name the right CRS with --crs EPSG:...")
-        box = (*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
-    lon, lat = (box[0] + box[2]) / 2, (box[1] + box[3]) / 2
+        box = box_of_degrees(places)
+    lon, lat = within_180((box[0] + box[2]) / 2), (box[1] + box[3]) / 2
     if not -60 <= lat <= 84:
         swapped = "latitude and longitude swapped, or " if crs.is_geographic and -60 <= lon <= 84 else ""
         raise CityError(
@@ -162,7 +162,7 @@ def lonlat_bounds(file: str, bounds: Box, crs: pyproj.CRS) -> Box:
     if area is not None:
         # UTM zones are often used far beyond their borders, also across the equator, and stay true to some 20 degrees.
         beyond = max(0.0, area.south - lat, lat - area.north) if crs.utm_zone is None else 0.0
-        far = _degrees_outside(lon, area.west, area.east) > (5 if crs.utm_zone is None else 20) or beyond > 5
+        far = degrees_outside(lon, area.west, area.east) > (5 if crs.utm_zone is None else 20) or beyond > 5
     if area is not None and far:
         raise CityError(
             f"{file}: would lie at longitude {lon:.2f}, latitude {lat:.2f}, far outside the area of {name} "
@@ -170,24 +170,6 @@ def lonlat_bounds(file: str, bounds: Box, crs: pyproj.CRS) -> Box:
             "name the right CRS with --crs EPSG:..."
         )
     return box
-
-
-def _degrees_outside(lon: float, west: float, east: float) -> float:
-    """How far the longitude lies outside [west, east] (which may cross the antimeridian), degrees."""
-    if (lon - west) % 360 <= (east - west) % 360 or east - west >= 360:
-        return 0.0
-    return min((west - lon) % 360, (lon - east) % 360)
-
-
-def _boxes_meet(a: Box, b: Box) -> bool:
-    margin = _OVERLAP_MARGIN_DEGREES
-    lon_margin = margin / max(0.1, math.cos(math.radians((a[1] + a[3]) / 2)))
-    return (
-        a[0] - lon_margin <= b[2]
-        and b[0] - lon_margin <= a[2]
-        and a[1] - margin <= b[3]
-        and b[1] - margin <= a[3]
-    )  # fmt: skip
 
 
 def agree_on_crs(
@@ -225,7 +207,7 @@ def agree_on_crs(
             assert building_crs is not None and street_crs is not None
             there = lonlat_bounds(buildings.file, building_bounds, building_crs)
             here = lonlat_bounds(streets.file, street_bounds, street_crs)
-            if _boxes_meet(there, here):
+            if boxes_meet(there, here):
                 return building_crs, street_crs
             raise CityError(_apart(buildings.file, there, building_crs, streets.file, here, street_crs))
         except CityError as error:
@@ -243,7 +225,7 @@ def _apart(file_b: str, b: Box, crs_b: pyproj.CRS, file_s: str, s: Box, crs_s: p
     swapped = (s[1], s[0], s[3], s[2])
     hint = "one declares a wrong CRS (--crs), or they are of different places"
     if crs_b.is_geographic or crs_s.is_geographic:
-        if _boxes_meet(b, swapped):
+        if boxes_meet(b, swapped):
             culprit = file_s if crs_s.is_geographic else file_b
             hint = f"latitude and longitude look swapped in {culprit}"
         hint = hint.replace("(--crs)", "(--crs) or has latitude and longitude swapped")
@@ -309,7 +291,7 @@ def choose_local_frame(file: str, bounds: Box, crs: pyproj.CRS, place: Box) -> L
     Raises:
         CityError: the buildings spread over more than 100 km.
     """
-    lon, lat = (place[0] + place[2]) / 2, (place[1] + place[3]) / 2
+    lon, lat = within_180((place[0] + place[2]) / 2), (place[1] + place[3]) / 2
     epsg = crs.to_epsg(min_confidence=70)
     target = crs if epsg is None else pyproj.CRS.from_epsg(epsg)  # knows its area of use, unlike a .prj file
     why = _unsuitable(target, lon, lat) or ("has no EPSG code" if epsg is None else None)
@@ -319,9 +301,12 @@ def choose_local_frame(file: str, bounds: Box, crs: pyproj.CRS, place: Box) -> L
     x0, y0, x1, y1 = bounds
     corners = _transform(crs, target, np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]))
     low, high = corners.min(axis=0), corners.max(axis=0)
-    if not np.isfinite(corners).all() or (high - low).max() > 100_000:
+    # Half around the earth, corners may come close to one another again.
+    around = (place[2] - place[0]) * 111_320.0 * math.cos(math.radians(lat))
+    spread = max(*(high - low), around) if np.isfinite(corners).all() else np.inf
+    if spread > 100_000:
         raise CityError(
-            f"{file}: the buildings spread over {(high - low).max() / 1000:.0f} km: expected a city; cut one out with --clip"
+            f"{file}: the buildings spread over {spread / 1000:.0f} km: expected a city; cut one out with --clip"
         )
     centre = np.floor((low + high) / 20.0) * 10.0
     reason = "" if why is None else f"{_name(crs)} {why}: reprojected to {_name(target)}"
@@ -342,7 +327,7 @@ def _unsuitable(crs: pyproj.CRS, lon: float, lat: float) -> str | None:
         return "is web-mercator, whose metres are inflated"
     area = crs.area_of_use
     if area is not None and not (
-        area.south - 1 <= lat <= area.north + 1 and _degrees_outside(lon, area.west, area.east) <= 1
+        area.south - 1 <= lat <= area.north + 1 and degrees_outside(lon, area.west, area.east) <= 1
     ):
         return (
             f"is used outside its area (longitude {area.west:g} to {area.east:g}, "
@@ -393,8 +378,10 @@ def meets_box(geometries: Sequence[BaseGeometry], crs: pyproj.CRS, box: Box) -> 
     if not crs.is_geographic:
         corners = np.concatenate([np.column_stack(xy) for xy in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))])
         lon, lat = _transform(crs, _WGS84, corners).reshape(4, -1, 2).transpose(2, 0, 1)
+        lon = np.where((np.ptp(lon, axis=0) > 180.0) & (lon < 0.0), lon + 360.0, lon)
         x0, y0, x1, y1 = lon.min(axis=0), lat.min(axis=0), lon.max(axis=0), lat.max(axis=0)
-    return np.asarray((x0 <= box[2]) & (x1 >= box[0]) & (y0 <= box[3]) & (y1 >= box[1]))
+    beside = [(x0 + turn <= box[2]) & (x1 + turn >= box[0]) for turn in (-360.0, 0.0, 360.0)]
+    return np.asarray(np.any(beside, axis=0) & (y0 <= box[3]) & (y1 >= box[1]))
 
 
 _Item = TypeVar("_Item", RawBuilding, RawModel, RawStreet)

@@ -16,6 +16,7 @@ from pyproj import CRS
 
 from mmi.city.model import City
 from mmi.foundation.errors import CityError, ParameterError
+from mmi.reading.antimeridian import joined_buildings, joined_streets
 from mmi.reading.coordinates import (
     Box,
     agree_on_crs,
@@ -84,6 +85,7 @@ def read_city(
             lines = _read_streets(street_file, ledger, layer=options.streets_layer, buildings=buildings)
     except OSError as error:
         raise CityError(f"{error.filename or path}: cannot be read: {error.strerror or error}") from error
+    buildings, lines = joined_buildings(buildings), joined_streets(lines)
     building_crs, street_crs = agree_on_crs(buildings, lines, override)
     check_not_swapped(buildings.file, [item.geometry for item in buildings.items], building_crs)
     if options.clip is not None:

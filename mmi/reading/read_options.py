@@ -35,7 +35,8 @@ class ReadOptions:
         crs: the coordinate system (``EPSG:32632``), where a file declares none or a wrong one; never OpenStreetMap's.
         network: one of ``NETWORKS``.
         objects: one of ``OBJECTS``.
-        clip: west, south, east, north in degrees; buildings that meet the box stay whole, streets are cut at it.
+        clip: west, south, east, north in degrees; buildings that meet the box stay whole, streets are cut at it. A box
+            across 180 degrees has its east beyond.
         height_column: column of heights; like all names below guessed if None.
         height_unit: one of ``HEIGHT_UNITS``, for the height column, or for all heights of a 3D model; None: feet where the
             column's name says so, else metres.
@@ -94,7 +95,7 @@ class ReadOptions:
                 raise ParameterError(
                     f"--clip: four numbers expected (west, south, east, north), found {self.clip!r}"
                 ) from error
-            if not (-180 <= west < east <= 180 and -90 <= south < north <= 90):
+            if not (-180 <= west <= 180 and west < east <= min(360, west + 360) and -90 <= south < north <= 90):
                 raise ParameterError(f"--clip: expected west < east and south < north in degrees, found {self.clip}")
         if self.crs is not None:
             from mmi.reading.coordinates import parse_crs

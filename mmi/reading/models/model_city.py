@@ -21,6 +21,7 @@ from shapely.geometry import Polygon
 from mmi.city.model import City, CityObject, TriangleMesh
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError, ParameterError
+from mmi.reading.antimeridian import joined_model, joined_streets
 from mmi.reading.city_models.citygml import is_citygml, read_citygml
 from mmi.reading.city_models.cityjson import is_cityjson, read_cityjson
 from mmi.reading.coordinates import (
@@ -109,8 +110,10 @@ def city_of_model(
         CityError: nothing usable; the CRS of the model and of its streets or ground do not agree.
         ParameterError: an option that needs what the model has not.
     """
+    layer = joined_model(layer)
     own = StreetLayer(layer.file, layer.streets, layer.crs, False) if layer.streets else None
     lines = streets or own
+    lines = None if lines is None else joined_streets(lines)
     building_crs, street_crs = _agreed(layer, lines, override)
     if clip is not None:
         layer = _clipped(layer, building_crs, clip, ledger)
