@@ -305,9 +305,8 @@ def choose_local_frame(file: str, bounds: Box, crs: pyproj.CRS, place: Box) -> L
     around = (place[2] - place[0]) * 111_320.0 * math.cos(math.radians(lat))
     spread = max(*(high - low), around) if np.isfinite(corners).all() else np.inf
     if spread > 100_000:
-        raise CityError(
-            f"{file}: the buildings spread over {spread / 1000:.0f} km: expected a city; cut one out with --clip"
-        )
+        far = f"{spread / 1000:.0f} km" if np.isfinite(spread) else "half the earth"
+        raise CityError(f"{file}: the buildings spread over {far}: expected a city; cut one out with --clip")
     centre = np.floor((low + high) / 20.0) * 10.0
     reason = "" if why is None else f"{_name(crs)} {why}: reprojected to {_name(target)}"
     return LocalFrame(f"EPSG:{target.to_epsg()}", (float(centre[0]), float(centre[1]), 0.0), reason)

@@ -145,7 +145,7 @@ def test_boxes_around_the_earth_are_refused():
 def test_two_towns_on_the_two_sides_of_the_earth_are_no_town(tmp_path):
     houses = [box(x, 10, x + 20, 25) for x in (-9e6, 0, 9e6)]
     path, streets = town(tmp_path, houses=houses)
-    with pytest.raises(CityError, match="the buildings spread over 3[0-9]* km: expected a city"):
+    with pytest.raises(CityError, match=r"the buildings spread over 3[0-9]* km: expected a city"):
         read_city(path, ReadOptions(streets=streets))
 
 
