@@ -16,7 +16,14 @@ from mmi.city.model import CityObject, Prism, TriangleMesh
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError
 from mmi.reading.coordinates import Box, LocalFrame, points_to_local_frame
-from mmi.reading.ground.relief import choose_spacing, read_relief_points, terrain_from_points, terrain_from_triangles
+from mmi.reading.ground.relief import (
+    VOID,
+    choose_spacing,
+    no_height,
+    read_relief_points,
+    terrain_from_points,
+    terrain_from_triangles,
+)
 from mmi.reading.report import Ledger
 
 __all__ = ["Ground", "ground_of_buildings", "ground_of_file", "ground_of_model", "raised", "settled"]
@@ -67,11 +74,15 @@ def ground_of_model(
     """Ground from a model's triangles, or loose points."""
     vertices, wide = move(mesh.vertices), _wide(bounds)
     spacing = choose_spacing(wide)
+    void = no_height(vertices[:, 2])
     if len(mesh.triangles):
+        triangles = mesh.triangles[~void[mesh.triangles].any(axis=1)]
         ledger.note("read", "triangles of the ground", count=len(mesh.triangles))
-        return terrain_from_triangles(vertices, mesh.triangles, bounds=wide, spacing=spacing)
+        ledger.note("left out", VOID.format("triangle"), count=len(mesh.triangles) - len(triangles))
+        return terrain_from_triangles(vertices, triangles, bounds=wide, spacing=spacing)
     ledger.note("read", "points of the ground", count=len(vertices))
-    return terrain_from_points(vertices, bounds=wide, spacing=spacing)[0]
+    ledger.note("left out", VOID.format("point"), count=int(void.sum()))
+    return terrain_from_points(vertices[~void], bounds=wide, spacing=spacing)[0]
 
 
 def ground_of_buildings(objects: Sequence[CityObject], bounds: Box, ledger: Ledger) -> Ground:

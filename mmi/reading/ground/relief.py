@@ -23,7 +23,7 @@ from mmi.foundation.errors import CityError
 from mmi.reading.coordinates import declared_crs
 from mmi.reading.report import Ledger
 
-__all__ = ["choose_spacing", "read_relief_points", "terrain_from_points", "terrain_from_triangles"]
+__all__ = ["VOID", "choose_spacing", "no_height", "read_relief_points", "terrain_from_points", "terrain_from_triangles"]
 
 _MOST_SQUARES = 512
 _FINEST = 5.0
@@ -40,7 +40,8 @@ _STEEPNESS = 0.25
 _NEIGHBOURS = 8
 _LOWEST, _HIGHEST = -1500.0, 30_000.0
 """All ground lies between these heights, in metres as well as in feet, from the Dead Sea to Mount Everest."""
-_VOID = "{} of the ground: a void (no ground is as low or high)"
+VOID = "{} of the ground: a void (no ground is as low or high)"
+"""Why a cell, point or triangle is left out."""
 _RASTERS = frozenset({".tif", ".tiff", ".asc", ".img", ".dem", ".hgt", ".bil", ".flt", ".grd", ".xyz", ".jp2"})
 # Column names, lower-case letters only, likeliest first.
 _HEIGHTS = (
@@ -247,7 +248,7 @@ def _raster_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyp
                 band = raster.read(1, out_shape=(rows, columns), masked=True)
                 values = np.ma.getdata(band).astype(np.float64)
                 known = ~np.ma.getmaskarray(band) & np.isfinite(values)
-                void = known & _no_height(values)
+                void = known & no_height(values)
                 j, i = np.nonzero(known & ~void)
                 u, v = (i + 0.5) * raster.width / columns, (j + 0.5) * raster.height / rows
                 t = raster.transform
@@ -260,11 +261,11 @@ def _raster_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyp
     if step > 1:
         ledger.note("noted", f"raster of the ground: one cell in {step} each way is used", path.name)
     ledger.note("left out", "cell of the ground: no data", path.name, count=int((~known).sum()))
-    ledger.note("left out", _VOID.format("cell"), path.name, count=int(void.sum()))
+    ledger.note("left out", VOID.format("cell"), path.name, count=int(void.sum()))
     return np.column_stack([x, y, values[j, i]]), crs
 
 
-def _no_height(z: NDArray[np.float64]) -> NDArray[np.bool_]:
+def no_height(z: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which heights (...) stand for none: -9999, -32768 and the like, where the file declares no such value."""
     return (z < _LOWEST) | (z > _HIGHEST)
 
@@ -303,8 +304,8 @@ def _vector_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyp
             f"{path}: expected a z or a column of heights (height, elevation, z, ...); found columns {names}"
         )
     ledger.note("left out", "point of the ground: no height", path.name, count=int((~sound).sum()))
-    void = sound & _no_height(xyz[:, 2])
-    ledger.note("left out", _VOID.format("point"), path.name, count=int(void.sum()))
+    void = sound & no_height(xyz[:, 2])
+    ledger.note("left out", VOID.format("point"), path.name, count=int(void.sum()))
     sound &= ~void
     if not sound.any():
         raise CityError(f"{path}: expected heights of the ground, found only values such as {xyz[void][0, 2]:g}")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import gzip
 from collections.abc import Iterator, Set
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -81,18 +82,26 @@ def read_sumo(path: Path, ledger: Ledger, *, local: bool = False) -> StreetLayer
     nodes: dict[str, tuple[float, float]] = {}
     crs: pyproj.CRS | None = None
     offset = np.zeros(2)
+    damage: ValueError | None = None
     try:
         for element in _elements(path):
             if element.tag == "location":
                 crs, offset = _location(path, element)
             elif element.tag == "junction" and element.get("type") != "internal":
-                nodes[element.get("id", "")] = _numbers(f"{element.get('x')},{element.get('y')}")[0]
+                with suppress(ValueError):  # streets end where their lanes end, then
+                    nodes[element.get("id", "")] = _numbers(f"{element.get('x')},{element.get('y')}")[0]
             elif element.tag == "edge":
-                edge = _edge(element, ledger)
-                if edge is not None:
-                    edges.append(edge)
+                try:
+                    edge = _edge(element, ledger)
+                except ValueError as error:
+                    damage = damage or error
+                    ledger.note("left out", "street: a shape or width that is no numbers", element.get("id", ""))
+                else:
+                    edges += [] if edge is None else [edge]
     except (ValueError, IndexError) as error:
         raise CityError(f"{path}: expected a SUMO network (.net.xml) with shapes in metres; found: {error}") from error
+    if not edges and damage is not None:
+        raise CityError(f"{path}: expected a SUMO network (.net.xml) with shapes in metres; found: {damage}")
     if not edges:
         raise CityError(f"{path}: expected a SUMO network with edges that are streets, found none")
     if local:

@@ -18,11 +18,10 @@ from typing import Any
 import numpy as np
 import pyproj
 from numpy.typing import NDArray
-from pyproj.exceptions import ProjError
 from shapely.geometry import LineString
 
 from mmi.city.model import PAINTED, PLAIN, TriangleMesh
-from mmi.foundation.errors import CityError
+from mmi.foundation.errors import CityError, ParameterError
 from mmi.foundation.srgb import srgb_from_linear
 from mmi.gltf.codes import (
     LINE_LOOP,
@@ -34,6 +33,7 @@ from mmi.gltf.codes import (
     TRIANGLES,
     WEBP,
 )
+from mmi.reading.coordinates import parse_crs
 from mmi.reading.models.gltf_buffers import GltfFile, open_gltf
 from mmi.reading.models.raw_meshes import joined_meshes, placed_corners
 from mmi.reading.pictures import PictureShelf
@@ -45,6 +45,8 @@ __all__ = ["read_gltf"]
 _Z_UP_FROM_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 _PLUMB = 1e-3
 """Metres: a segment goes straight up if it goes less to the side and over a hundred times as much up."""
+_DAMAGE = (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, binascii.Error)
+"""What Python raises on glTF of another shape than expected."""
 _INSTANCING = "EXT_mesh_gpu_instancing"
 _MOST_INSTANCES = 100_000
 """Copies of meshes in a file; more would be a forest, not a city."""
@@ -78,7 +80,7 @@ def read_gltf(path: Path, ledger: Ledger) -> ModelLayer:
         if str(path) in str(error):
             raise
         raise CityError(f"{path}: {error}") from error
-    except (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, binascii.Error) as error:
+    except _DAMAGE as error:
         what = f"no {error} where one is needed" if isinstance(error, KeyError) else str(error)
         raise CityError(f"{path}: expected glTF 2.0, complete and valid; found: {what}") from error
 
@@ -110,8 +112,20 @@ class _Reading:
         origin = np.array([*map(float, extras.get("origin", (0.0, 0.0, 0.0)))])
         if origin.shape != (3,) or not np.isfinite(origin).all():
             raise CityError(f"asset.extras.origin: three numbers expected, found {extras.get('origin')!r}")
+        damage: Exception | None = None
         for node, matrix in self.placed_nodes():
-            self.take(node, matrix, origin)
+            before = len(self.models), len(self.streets), len(self.ground)
+            try:
+                self.take(node, matrix, origin)
+            except _DAMAGE as error:
+                for found, count in zip((self.models, self.streets, self.ground), before, strict=True):
+                    del found[count:]
+                self.ledger.note(
+                    "left out", "mesh: not as glTF describes it", str(node.get("name") or "without a name")
+                )
+                damage = damage or error
+        if damage is not None and not self.models:
+            raise damage
         if not self.models and not self.ground and not self.streets:
             why = self.ledger.why_left_out()
             raise CityError(f"{self.path}: no triangles in it; expected a node with a mesh for each building{why}")
@@ -367,10 +381,10 @@ def _transformed(uv: NDArray[np.float64], transform: tuple[float, float, float, 
 
 
 def _crs_from_extras(text: object) -> pyproj.CRS | None:
-    """The CRS that ``asset.extras.crs`` names."""
+    """The horizontal CRS that ``asset.extras.crs`` names."""
     if not isinstance(text, str) or text in ("", "local"):
         return None
     try:
-        return pyproj.CRS.from_user_input(text)
-    except ProjError as error:
+        return parse_crs(text)
+    except ParameterError as error:
         raise CityError(f"asset.extras.crs: a CRS expected, found {text[:80]!r}") from error

@@ -11,8 +11,16 @@ from city_files import geojson
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mmi.city.model import TriangleMesh
 from mmi.foundation.errors import CityError
-from mmi.reading.ground.relief import choose_spacing, read_relief_points, terrain_from_points, terrain_from_triangles
+from mmi.reading.ground.ground import ground_of_model
+from mmi.reading.ground.relief import (
+    VOID,
+    choose_spacing,
+    read_relief_points,
+    terrain_from_points,
+    terrain_from_triangles,
+)
 from mmi.reading.report import Ledger
 
 BOUNDS = (100.0, 200.0, 223.0, 290.0)
@@ -167,9 +175,6 @@ def test_a_raster_gives_the_middles_of_its_cells_without_nodata(tmp_path):
     assert ledger.count("left out", "cell of the ground: no data") == 1
 
 
-VOID = "{} of the ground: a void (no ground is as low or high)"
-
-
 @pytest.mark.parametrize("void", [-9999.0, -32768.0, -3.4e38, 32767.0, 1e20])
 def test_voids_without_a_declared_value_are_left_out(tmp_path, void):
     values = np.arange(12.0).reshape(3, 4)
@@ -190,6 +195,24 @@ def test_the_lowest_and_the_highest_ground_are_no_voids(tmp_path, height):
     points, _ = read_relief_points(raster(tmp_path / "r.tif", np.full((2, 2), height), nodata=None), ledger)
     assert (points[:, 2] == height).all()
     assert ledger.count("left out") == 0
+
+
+@pytest.mark.parametrize("triangles", [True, False])
+def test_voids_in_the_ground_of_a_model(triangles):
+    """A slope of 10 %, in which one corner of the middle has no height."""
+    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(0.0, 101.0, 10.0), np.arange(0.0, 101.0, 10.0)))
+    points = np.column_stack([x, y, 0.1 * x])
+    points[60, 2] = -9999.0
+    corners = np.array(
+        [(i, i + 1, i + 12) for i in range(109) if i % 11 < 10]
+        + [(i, i + 12, i + 11) for i in range(109) if i % 11 < 10]
+    )
+    mesh = TriangleMesh(points, corners if triangles else np.empty((0, 3), dtype=np.int32))
+    ledger = Ledger()
+    terrain = ground_of_model(mesh, lambda one: one, (0.0, 0.0, 100.0, 100.0), ledger)
+    inside = np.array([(20.0, 20.0), (50.0, 50.0), (80.0, 20.0)])
+    assert terrain.at(inside) == pytest.approx(0.1 * inside[:, 0], abs=1.0)
+    assert ledger.count("left out", VOID.format("triangle" if triangles else "point")) == (6 if triangles else 1)
 
 
 def test_a_large_raster_is_decimated(tmp_path):

@@ -136,6 +136,20 @@ def test_braunschweig_is_all_there():
 
 
 @pytest.mark.parametrize(
+    "bad", ['shape="0,0 x,1"', 'shape="0,0 nan,1"', 'shape="0,0 5"', 'shape="0,0 9,9" width="wide"']
+)
+def test_a_damaged_edge_is_left_out_and_named(tmp_path, bad):
+    edge = f'<edge id="bad" from="a" to="b" type="highway.residential"><lane id="x_0" {bad}/></edge>'
+    junction = '<junction id="j" type="priority" x="here" y="5"/>'
+    ledger = Ledger()
+    layer = read_sumo(write(tmp_path / "x.net.xml", HEAD + LOCAL + edge + junction + BODY), ledger)
+    plain = read_sumo(write(tmp_path / "y.net.xml", HEAD + LOCAL + BODY), Ledger())
+    assert [one.id for one in layer.items] == [one.id for one in plain.items]
+    found = [one for one in ledger.report(source="", crs="", origin=(0, 0, 0)).left_out if "no numbers" in one.what]
+    assert [(one.count, one.examples) for one in found] == [(1, ("bad",))]
+
+
+@pytest.mark.parametrize(
     ("kind", "permissions", "highway"),
     [
         ("highway.residential|railway.tram", "", "residential"),

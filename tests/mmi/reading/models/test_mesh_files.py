@@ -319,6 +319,28 @@ def test_a_scene_without_anything_says_what_is_elsewhere(tmp_path):
         read_gltf(path, Ledger())
 
 
+def test_a_damaged_node_is_left_out_and_named(tmp_path):
+    """Its mesh points at corners that are not there; the sound house before it and the one behind stay."""
+    path = write_gltf(tmp_path / "x.gltf")
+    document = json.loads(path.read_text())
+    broken = json.loads(json.dumps(document["meshes"][0]))
+    broken["primitives"].append({"attributes": {"POSITION": 99}})
+    document["meshes"].append(broken)
+    document["nodes"] = [{"name": name, "mesh": int(name == "bad")} for name in ("a", "bad", "b")]
+    document["scenes"] = [{"nodes": [0, 1, 2]}]
+    path.write_text(json.dumps(document))
+    ledger = Ledger()
+    assert [one.id for one in read_gltf(path, ledger).items] == ["a", "b"]
+    (line,) = ledger.report(source="", crs="", origin=(0, 0, 0)).left_out
+    assert (line.what, line.count, line.examples) == ("mesh: not as glTF describes it", 1, ("bad",))
+
+
+@pytest.mark.parametrize("text", ["EPSG:25833", "EPSG:25833+5783"])
+def test_a_vertical_system_beside_the_horizontal_one(tmp_path, text):
+    layer = read_gltf(write_gltf(tmp_path / "x.gltf", extras={"crs": text}), Ledger())
+    assert layer.crs.to_epsg() == 25833
+
+
 def test_a_truncated_glb_says_so(tmp_path):
     path = tmp_path / "cut.glb"
     whole = trimesh.creation.box().export(file_type="glb")
