@@ -114,12 +114,11 @@ class _Reading:
             raise CityError(f"asset.extras.origin: three numbers expected, found {extras.get('origin')!r}")
         damage: Exception | None = None
         for node, matrix in self.placed_nodes():
-            before = len(self.models), len(self.streets), len(self.ground)
+            models, streets, ground = len(self.models), len(self.streets), len(self.ground)
             try:
                 self.take(node, matrix, origin)
             except _DAMAGE as error:
-                for found, count in zip((self.models, self.streets, self.ground), before, strict=True):
-                    del found[count:]
+                del self.models[models:], self.streets[streets:], self.ground[ground:]
                 self.ledger.note(
                     "left out", "mesh: not as glTF describes it", str(node.get("name") or "without a name")
                 )
