@@ -87,7 +87,7 @@ class Session:
     _shown_still: bool = False
 
     def __post_init__(self) -> None:
-        self.walker = Walker(self.streets.start())
+        self.walker = Walker(self.streets.start)
         self.pictures = Pictures(self.client, self.stage)
 
     # ------------------------------------------------------------------------------------------------- what is due

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import cached_property
 from types import TracebackType
 
 import numpy as np
@@ -277,6 +278,7 @@ class Streets:
         """The point, or where it is within a building the nearest place outside."""
         return self.walls.freed(point)
 
+    @cached_property
     def start(self) -> Pose:
         """Where a viewer begins: in a cell with much near by and much far away, looking along its street to where more is."""
         scene = self._scene

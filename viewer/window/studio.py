@@ -18,7 +18,9 @@ import threading
 import time
 from collections import deque
 from concurrent.futures import Future
+from copy import deepcopy
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -93,6 +95,7 @@ class Studio:
     def __enter__(self) -> Studio:
         self._thread.start()
         self._ready.result()
+        self.about()  # which takes a while for a large city, and is asked for by threads that should not wait
         return self
 
     def __exit__(
@@ -118,10 +121,14 @@ class Studio:
         self._seats.clear()
 
     def about(self) -> dict[str, Any]:
-        """What a page is told first."""
+        """What a page is told first. Whoever gets it may change it."""
+        return deepcopy(self._about)
+
+    @cached_property
+    def _about(self) -> dict[str, Any]:
         camera, parameters = self.scene.camera, self.scene.parameters
         manifest = self.scene.dataset.manifest
-        pose = self._streets.start()
+        pose = self._streets.start
         promises = [entry.promised_error_px for entry in manifest.cells]
         promise = None if None in promises else max(one for one in promises if one is not None)
         indices = sorted({one.index for entry in manifest.cells for _, one in entry.pictures})
