@@ -33,10 +33,10 @@ __all__ = ["RADIUS", "CellChoice", "choose_cells"]
 
 RADIUS = 100.0
 """Metres around a place within which cells are chosen, unless told otherwise: some two dozen cells in the middle of a city."""
-_STEP = 0.05
+_STEP = 0.1
 """Metres between the points of a walk at which cells are asked for."""
-_MOST_POINTS = 200_000
-"""Longer walks, than 10 km, are asked in longer steps."""
+_MOST_POINTS = 50_000
+"""Walks longer than 5 km are asked in longer steps."""
 _LOCAL = "local"
 """The coordinate system of a city that has none."""
 
@@ -162,12 +162,23 @@ def _where(city: City) -> str:
 
 
 def _path(walk: Walk) -> NDArray[np.float64]:
-    """(n, 2) points of a walk, ``_STEP`` apart or less."""
+    """(n, 2) points of a walk, ``_STEP`` apart or hardly more."""
     step = max(_STEP, walk.metres / _MOST_POINTS)
-    points = []
+    legs = [np.array([walk.keyframes[0].pose.eye[:2]])]
     for before, after in itertools.pairwise(walk.keyframes):
-        # Monotone cubics have at most three times the mean speed between their keyframes (Fritsch & Carlson 1980).
-        metres = 0.0 if after.cut else math.dist(before.pose.eye[:2], after.pose.eye[:2])
-        shares = np.linspace(0.0, 1.0, 2 + math.ceil(3.0 * metres / step))[:-1]
-        points += [walk.pose(before.time + share * (after.time - before.time)).eye[:2] for share in shares.tolist()]
-    return np.array([*points, walk.keyframes[-1].pose.eye[:2]])
+        if after.cut:
+            legs.append(np.array([before.pose.eye[:2], after.pose.eye[:2]]))
+            continue
+        count = 2 + math.ceil(math.dist(before.pose.eye[:2], after.pose.eye[:2]) / step)
+        times = np.linspace(before.time, after.time, count)[:-1]
+        points = _points(walk, times)
+        # The speed changes between keyframes, to at most three times its mean (Fritsch & Carlson 1980).
+        wide = np.flatnonzero(np.hypot(*np.diff(points, axis=0).T) > 1.5 * step)
+        more = _points(walk, (times[wide][:, None] + np.diff(times)[wide][:, None] * [1 / 3, 2 / 3]).ravel())
+        legs += [points, more]
+    return np.concatenate([*legs, [walk.keyframes[-1].pose.eye[:2]]])
+
+
+def _points(walk: Walk, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 2) where a walk is at ``times`` (n,)."""
+    return np.array([walk.pose(time).eye[:2] for time in times.tolist()]).reshape(-1, 2)
