@@ -67,12 +67,14 @@ def vehicle_mesh(kind: VehicleKind) -> TriangleMesh:
         parts += _lights(half, side, 0.8)
     else:
         cab = 1.9
-        parts.append(_slab(-half, half - 0.2, 0.42 * kind.width, 0.55, 0.85, front=0.0, back=0.0, color=(60, 60, 62)))
+        parts.append(
+            _slab(-half + 0.05, half - 0.2, 0.42 * kind.width, 0.55, 0.85, front=0.0, back=0.0, color=(60, 60, 62))
+        )
         parts.append(_slab(half - cab, half, side, 0.45, 1.55, front=0.05, back=0.0, color=color))
         parts.append(_slab(half - cab + 0.02, half - 0.05, side - 0.02, 1.54, 2.25, front=0.22, back=0.0, color=_GLASS))
         parts.append(_slab(half - cab, half - 0.25, side, 2.24, 2.5, front=0.1, back=0.0, color=color))
         parts.append(_slab(-half, half - cab - 0.15, side, 0.84, 3.3, front=0.0, back=0.0, color=(226, 224, 218)))
-        parts.append(_slab(-half - 0.0, half - cab - 0.14, side + 0.01, 1.7, 2.3, front=0.0, back=0.0, color=color))
+        parts.append(_slab(-half - 0.01, half - cab - 0.14, side + 0.01, 1.7, 2.3, front=0.0, back=0.0, color=color))
         wheels, radius = (-0.30 * kind.length, 0.34 * kind.length), 0.48
         parts += _lights(half, side, 0.7)
     tyre = _wheel(radius, 0.24, dark)
