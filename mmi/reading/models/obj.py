@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from mmi.city.model import PAINTED, PLAIN, TriangleMesh
 from mmi.foundation.errors import CityError
-from mmi.reading.models.raw_meshes import cut_polygons, placed_corners
+from mmi.reading.models.raw_meshes import cut_polygons, number_of, placed_corners
 from mmi.reading.names import readable_name
 from mmi.reading.pictures import PictureShelf, contained_path, file_beside
 from mmi.reading.raw_layers import ModelLayer, RawModel
@@ -69,9 +69,10 @@ def read_obj(path: Path, ledger: Ledger) -> ModelLayer:
     """Objects or groups of ``path``, names as ids, in the axes of the file.
 
     Raises:
-        CityError: a line that cannot be, corners that do not exist, no faces, or files outside its folder.
+        CityError: no faces, more lines that cannot be or corners that do not exist than sound ones, or files outside its
+            folder.
     """
-    points, colors, coordinates, faces, libraries = _read_lines(path)
+    points, colors, coordinates, faces, libraries = _read_lines(path, ledger)
     if colors is not None and _are_bytes(colors):
         ledger.note("noted", "colours of vertices from 0 to 255 instead of 0 to 1", path.name)
         colors = colors / 255.0
@@ -105,7 +106,7 @@ def read_obj(path: Path, ledger: Ledger) -> ModelLayer:
 
 
 def _read_lines(
-    path: Path,
+    path: Path, ledger: Ledger
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.float64], _Faces, list[bytes]]:
     """Points (n, 3), their colours (n, 3) as they stand there or None, texture coordinates (k, 2), faces, and .mtl names."""
     points: list[tuple[float, ...]] = []
@@ -114,6 +115,8 @@ def _read_lines(
     faces = _Faces()
     libraries: list[bytes] = []
     owner = group = material = b""
+    damage: CityError | None = None
+    damages = 0
     text = _CONTINUED.sub(b" ", path.read_bytes().removeprefix(BOM_UTF8))
     if b"\0" in text:
         raise CityError(f"{path}: expected OBJ, which is text; found binary data")
@@ -124,23 +127,25 @@ def _read_lines(
         key = words[0]
         try:
             if key == b"v":
-                points.append((float(words[1]), float(words[2]), float(words[3])))
-                if len(words) >= 7:
-                    tints.append((float(words[4]), float(words[5]), float(words[6])))
+                x, y, z, *tint = map(number_of, words[1:7] if len(words) >= 7 else words[1:4])
+                points.append((x, y, z))
+                tints += [tuple(tint)] if tint else []
             elif key == b"f":
                 if len(words) < 4:
                     continue  # a line or a point
-                for word in words[1:]:
-                    point, _, rest = word.partition(b"/")
-                    place = rest.partition(b"/")[0]
-                    faces.points.append(_place(int(point), len(points)))
-                    faces.places.append(_place(int(place), len(coordinates)) if place else _NOTHING)
+                parts = [word.split(b"/") for word in words[1:]]
+                corners = [_place(int(part[0]), len(points)) for part in parts]
+                places = [
+                    _place(int(part[1]), len(coordinates)) if part[1:] and part[1] else _NOTHING for part in parts
+                ]
+                faces.points += corners
+                faces.places += places
                 faces.sizes.append(len(words) - 1)
                 faces.objects.append(owner)
                 faces.groups.append(group)
                 faces.materials.append(material)
             elif key == b"vt":
-                coordinates.append((float(words[1]), float(words[2]) if len(words) > 2 else 0.0))
+                coordinates.append((number_of(words[1]), number_of(words[2]) if len(words) > 2 else 0.0))
             elif key == b"o":
                 owner = b" ".join(words[1:])
             elif key == b"g":
@@ -151,12 +156,21 @@ def _read_lines(
                 libraries.append(line.split(None, 1)[1].strip())
         except (ValueError, IndexError) as error:
             found = readable_name(line.strip()[:60])
-            raise CityError(f"{path}: line {number}: expected OBJ, found {found!r} ({error})") from error
+            damage = damage or CityError(f"{path}: line {number}: expected OBJ, found {found!r} ({error})")
+            damages += 1
+            ledger.note("left out", "line: no OBJ", f"line {number}")
+            if key == b"v":  # what follows is counted from it
+                points.append((np.nan,) * 3)
+                tints += [(np.nan,) * 3] if tints else []
+            elif key == b"vt":
+                coordinates.append((np.nan, np.nan))
+    if damage is not None and damages >= len(faces.sizes):
+        raise damage
     xyz = np.array(points, dtype=np.float64).reshape(-1, 3)
-    tint = np.array(tints, dtype=np.float64) if points and len(tints) == len(points) else None
-    _check_corners(path, faces.points, len(xyz), "points")
-    _check_corners(path, faces.places, len(coordinates), "texture coordinates")
-    return xyz, tint, np.array(coordinates, dtype=np.float64).reshape(-1, 2), faces, libraries
+    tints_of_all = np.array(tints, dtype=np.float64) if points and len(tints) == len(points) else None
+    faces = _with_corners(path, faces, len(xyz), "points", ledger)
+    faces = _with_corners(path, faces, len(coordinates), "texture coordinates", ledger)
+    return xyz, tints_of_all, np.array(coordinates, dtype=np.float64).reshape(-1, 2), faces, libraries
 
 
 def _are_bytes(colors: NDArray[np.float64]) -> bool:
@@ -172,9 +186,31 @@ def _place(index: int, count: int) -> int:
     return index - 1 if index > 0 else count + index
 
 
-def _check_corners(path: Path, places: list[int], count: int, what: str) -> None:
-    if places and max(places) >= count:
-        raise CityError(f"{path}: a face needs {what} number {max(places) + 1}, the file has {count}: is it cut off?")
+def _with_corners(path: Path, faces: _Faces, count: int, what: str, ledger: Ledger) -> _Faces:
+    """The faces whose corners are among the ``count`` points or texture coordinates of the file; the others are counted.
+
+    Raises:
+        CityError: so many are not that the file is cut off.
+    """
+    places = np.array(faces.points if what == "points" else faces.places, dtype=np.int64)
+    if not places.size or places.max() < count:
+        return faces
+    sizes = np.array(faces.sizes)
+    starts = np.cumsum(sizes) - sizes
+    sound = np.logical_and.reduceat(places < count, starts)
+    if 2 * sound.sum() <= len(sound):
+        raise CityError(f"{path}: a face needs {what} number {places.max() + 1}, the file has {count}: is it cut off?")
+    ledger.note("left out", f"face: {what} that are not in the file", path.name, count=int((~sound).sum()))
+    kept = np.flatnonzero(sound).tolist()
+    corners = np.flatnonzero(np.repeat(sound, sizes)).tolist()
+    return _Faces(
+        [faces.sizes[i] for i in kept],
+        [faces.points[i] for i in corners],
+        [faces.places[i] for i in corners],
+        [faces.objects[i] for i in kept],
+        [faces.groups[i] for i in kept],
+        [faces.materials[i] for i in kept],
+    )
 
 
 def _library_names(path: Path, line: bytes) -> list[bytes]:

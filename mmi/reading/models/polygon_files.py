@@ -7,6 +7,7 @@ Source: Greg Turk, The PLY Polygon File Format; http://www.geomview.org/docs/htm
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from mmi.city.model import PAINTED, PLAIN, TriangleMesh
 from mmi.foundation.errors import CityError
-from mmi.reading.models.raw_meshes import cut_polygons, placed_corners
+from mmi.reading.models.raw_meshes import cut_polygons, number_of, placed_corners
 from mmi.reading.raw_layers import ModelLayer, RawModel
 from mmi.reading.report import Ledger
 
@@ -60,6 +61,8 @@ class _Polygons:
     face_colors: NDArray[np.uint8] | None = None
 
 
+_COMMENT = re.compile(rb"(?<!1\.)#")
+"""``1.#IND`` is how some write what is no number."""
 _Column = NDArray[np.float64] | tuple[NDArray[np.int64], NDArray[np.float64]]
 """The values of a property (n,), or of a list: how many each has (n,), and the values of all in turn."""
 
@@ -99,7 +102,7 @@ def read_polygon_file(path: Path, ledger: Ledger) -> ModelLayer:
 
 
 def _off(data: bytes) -> _Polygons:
-    lines = [words for line in data.splitlines() if (words := line.split(b"#")[0].split())]
+    lines = [words for line in data.splitlines() if (words := _COMMENT.split(line)[0].split())]
     if not lines or not lines[0][0].upper().endswith(b"OFF"):
         raise ValueError("a first line that is not OFF")
     head = lines[0][1:]
@@ -109,7 +112,7 @@ def _off(data: bytes) -> _Polygons:
     count, faces = int(head[0]), int(head[1])
     if len(body) < count + faces:
         raise ValueError(f"{len(body)} lines for {count} points and {faces} faces")
-    points = np.array([[float(word) for word in words[:3]] for words in body[:count]]).reshape(-1, 3)
+    points = np.array([[number_of(word) for word in words[:3]] for words in body[:count]]).reshape(-1, 3)
     rings = [[int(word) for word in words[1 : int(words[0]) + 1]] for words in body[count : count + faces]]
     sizes = np.array([int(words[0]) for words in body[count : count + faces]], dtype=np.int64)
     if [len(ring) for ring in rings] != sizes.tolist():
@@ -187,7 +190,11 @@ def _colors(columns: dict[str, _Column], kinds: dict[str, str]) -> NDArray[np.ui
 
 def _text_reader(body: bytes) -> Callable[[_Element], dict[str, _Column]]:
     """Takes one element after the other from text."""
-    numbers = np.array(body.split(), dtype=np.float64)
+    words = body.split()
+    try:
+        numbers = np.array(words, dtype=np.float64)
+    except ValueError:
+        numbers = np.array([number_of(word) for word in words])
     at = 0
 
     def take(element: _Element) -> dict[str, _Column]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,10 +16,24 @@ from scipy.sparse.csgraph import connected_components
 from mmi.city.model import TriangleMesh
 from mmi.reading.report import Ledger
 
-__all__ = ["cut_polygons", "joined_meshes", "linked", "placed_corners", "y_up_to_z_up"]
+__all__ = ["cut_polygons", "joined_meshes", "linked", "number_of", "placed_corners", "y_up_to_z_up"]
 
 _FARTHEST = 1.0e8
 """Metres: coordinates beyond are a mistake, no projection of the earth reaches there."""
+
+
+def number_of(word: bytes) -> float:
+    """The number in a word; not a number also where C writes that in other letters (``-nan(ind)``, ``1.#IND``, ``1.#INF``).
+
+    Raises:
+        ValueError: it is no number.
+    """
+    try:
+        return float(word)
+    except ValueError:
+        if re.fullmatch(rb"[+-]?(nan\(.*\)|1\.#\w+)", word, re.IGNORECASE):
+            return math.nan
+        raise
 
 
 def joined_meshes(parts: Sequence[TriangleMesh]) -> TriangleMesh:
@@ -96,7 +112,7 @@ def _cut_polygon(ring: NDArray[np.float64]) -> NDArray[np.int64]:
 def placed_corners(
     points: NDArray[np.float64], triangles: NDArray[np.int64], name: str, ledger: Ledger
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """``points`` (n, 3) with 0 for those that are no numbers or absurdly far, and which triangles (m,) have none of these."""
+    """``points`` (n, 3), another one for those that are no numbers or absurdly far; which triangles (m,) have none of these."""
     with np.errstate(invalid="ignore"):
         sound = np.asarray(np.abs(points).max(axis=1) <= _FARTHEST)
     if sound.all():
@@ -104,7 +120,8 @@ def placed_corners(
     keep = np.asarray(sound[triangles].all(axis=1))
     what = f"triangle: corners that are no numbers or farther than {_FARTHEST:.0e} m"
     ledger.note("left out", what, name, count=int((~keep).sum()))
-    return np.where(sound[:, None], points, 0.0), keep
+    # A place of its own, such as 0, would count in the bounds of the city.
+    return np.where(sound[:, None], points, points[sound][0] if sound.any() else 0.0), keep
 
 
 def y_up_to_z_up(mesh: TriangleMesh) -> TriangleMesh:

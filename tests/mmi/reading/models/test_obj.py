@@ -11,6 +11,8 @@ from mmi.foundation.errors import CityError
 from mmi.reading.models.mesh_files import read_meshes
 from mmi.reading.models.obj import read_obj
 from mmi.reading.names import readable_name
+from mmi.reading.read_city import read_city
+from mmi.reading.read_options import ReadOptions
 from mmi.reading.report import Ledger
 
 RED, BLUE = (230, 26, 26), (26, 26, 230)
@@ -154,6 +156,60 @@ def test_mtl_files_outside_the_folder_are_refused(tmp_path):
     path = town(tmp_path / "town.obj", [b"a", b"b"], (b"red", b"blue"))
     path.write_text(path.read_text().replace("town.mtl", "town.mtl ../x.mtl"))
     with pytest.raises(CityError, match="expected files in its own folder or below"):
+        read_obj(path, Ledger())
+
+
+@pytest.mark.parametrize(
+    ("damage", "left_out"),
+    [
+        ("v -1.#IND 0 0\nf 1 2 17", "triangle: corners that are no numbers or farther than 1e+08 m"),
+        ("v -nan(ind) 0 0\nf 1 2 17", "triangle: corners that are no numbers or farther than 1e+08 m"),
+        ("v zero 0 0", "line: no OBJ"),
+        ("v 1 2", "line: no OBJ"),
+        ("f 1 x 2", "line: no OBJ"),
+        ("f 1 0 2", "line: no OBJ"),
+        ("f 1 -99 2", "line: no OBJ"),
+        ("vt u 0", "line: no OBJ"),
+        ("f 1 2 99", "face: points that are not in the file"),
+        ("f 1/1 2/9 3/1", "face: texture coordinates that are not in the file"),
+    ],
+)
+def test_one_bad_line_costs_what_it_says(tmp_path, damage, left_out):
+    """Of two houses of 16 corners together none is lost."""
+    path = town(tmp_path / "town.obj", [b"a", b"b"], (b"red", b"blue"))
+    plain = read_obj(path, Ledger())
+    path.write_text(f"vt 0 0\n{path.read_text()}\n{damage}\n")
+    ledger = Ledger()
+    found = read_obj(path, ledger)
+    corners = [[one.mesh.vertices[one.mesh.triangles].tolist() for one in layer.items] for layer in (found, plain)]
+    assert corners[0] == corners[1]
+    assert ledger.count("left out", left_out) == ledger.count("left out") == 1
+
+
+def test_a_bad_point_moves_no_city(tmp_path):
+    """It would spread it from where it is to the origin of its coordinate system."""
+    path = town(tmp_path / "town.obj", [b"a", b"b"], (b"red", b"blue"))
+    lines = [line.split() for line in path.read_text().splitlines()]
+    moved = [f"v {float(x[1]) + 391000} {float(x[2]) + 5818000} {x[3]}" if x[0] == "v" else " ".join(x) for x in lines]
+    path.write_text("\n".join([*moved, "v nan 0 0", "f 9 10 17"]))
+    city, report = read_city(path, ReadOptions(crs="EPSG:25833", up="z"))
+    assert [one.id for one in city.objects] == ["a", "b"]
+    assert [one.count for one in report.left_out if "no numbers" in one.what] == [1]
+
+
+def test_points_behind_a_bad_one_keep_their_numbers(tmp_path):
+    path = tmp_path / "x.obj"
+    path.write_text("v 0 0 0\nv zero 0 0\nv 4 0 0\nv 0 4 0\nf 1 3 4\nf 1 4 3\n")
+    assert read_obj(path, Ledger()).items[0].mesh.vertices.tolist() == [[0, 0, 0], [4, 0, 0], [0, 4, 0]]
+
+
+def test_a_file_of_which_most_is_missing_is_refused(tmp_path):
+    path = tmp_path / "x.obj"
+    path.write_text("v 0 0 0\nv 4 0 0\nv 0 4 0\nf 1 2 3\nf 1 2 4\n")
+    with pytest.raises(CityError, match="a face needs points number 4, the file has 3: is it cut off"):
+        read_obj(path, Ledger())
+    path.write_text("v 0 0 0\nv 4 0 0\nv 0 4 0\nv x\nf 1 2 3\n")
+    with pytest.raises(CityError, match="line 4: expected OBJ, found 'v x'"):
         read_obj(path, Ledger())
 
 

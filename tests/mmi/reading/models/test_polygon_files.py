@@ -92,6 +92,21 @@ def test_colours_of_points_and_of_faces(tmp_path, form, kind, white):
     assert (the_mesh(ply(path, form, points=square, faces=faces)).textures == PAINTED).all()
 
 
+@pytest.mark.parametrize("word", ["nan", "-nan(ind)", "1.#QNAN", "-1.#IND", "1.#INF"])
+def test_a_number_that_is_none_costs_its_faces(tmp_path, word):
+    """As C writes them; the triangles that have no such corner stay."""
+    rows = (("12 0 0\n", f"12 0 {word}\n"), ("0 0 12  #", f"{word} 0 12  #"))  # the tenth point; this PLY has z first
+    for path, (row, bad) in zip((ply(tmp_path / "x.ply", "ascii"), off(tmp_path / "x.off")), rows, strict=True):
+        plain, text = the_mesh(path), path.read_text()
+        assert text.count(f"\n{row}") == 1
+        path.write_text(text.replace(f"\n{row}", f"\n{bad}"))
+        mesh = the_mesh(path)
+        corners = plain.vertices[plain.triangles]
+        sound = ~(corners == (0, 0, 12)).all(axis=2).any(axis=1)
+        assert mesh.vertices[mesh.triangles].tolist() == corners[sound].tolist()
+        assert 0 < sound.sum() < len(sound)
+
+
 @pytest.mark.parametrize("encoding", ["ascii", "binary"])
 def test_triangles_are_those_that_trimesh_reads(tmp_path, encoding):
     ball = trimesh.creation.icosphere(subdivisions=2)
