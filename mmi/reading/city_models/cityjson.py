@@ -32,6 +32,7 @@ from mmi.reading.city_models.cityjson_parts import (
     is_building_kind,
     level_of,
     line_of,
+    missing_parts,
     points_of,
     surfaces_of,
     theme_values,
@@ -160,6 +161,8 @@ class _Reader:
             self._no_places = frozenset(np.flatnonzero(~(np.abs(points) < _FARTHEST).all(axis=1)).tolist())
         points[list(self._no_places)] = 0.0
         self._here, self._number, self._added = points, len(points), []
+        for name, count in missing_parts(objects).items():
+            self._ledger.note("left out", "part: not in the file", name, count=count)
         for family, members in families_of(objects).items():
             self._take_sound_family(family, [(name, objects[name]) for name in members])
         self._points.append(np.concatenate([points, *self._added]))

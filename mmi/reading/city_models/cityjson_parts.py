@@ -21,6 +21,7 @@ __all__ = [
     "is_building_kind",
     "level_of",
     "line_of",
+    "missing_parts",
     "points_of",
     "surfaces_of",
     "theme_values",
@@ -71,6 +72,21 @@ def families_of(objects: Mapping[str, Any]) -> dict[str, list[str]]:
     for name in objects:
         families.setdefault(_family(name, parents), []).append(name)
     return families
+
+
+def missing_parts(objects: Mapping[str, Any]) -> dict[str, int]:
+    """How many parts each object names that are not there, where some are not. Groups are no wholes."""
+    missing: dict[str, int] = {}
+    for name, one in objects.items():
+        listed = one.get("children") if isinstance(one, dict) and one.get("type") != "CityObjectGroup" else None
+        lost = [
+            child
+            for child in (listed if isinstance(listed, list) else ())
+            if isinstance(child, str) and child not in objects
+        ]
+        if lost:
+            missing[name] = len(lost)
+    return missing
 
 
 def points_of(vertices: Any) -> NDArray[np.float64]:  # noqa: ANN401

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from shapely.geometry import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from mmi.foundation.errors import CityError
-from mmi.reading.maps.osm_text import OsmText, look_through
+from mmi.reading.maps.osm_text import DAMAGED, OsmText, look_through, without_damage
 from mmi.reading.raw_layers import BuildingLayer, RawBuilding, RawStreet, StreetLayer
 from mmi.reading.report import Ledger
 
@@ -36,6 +37,10 @@ _STREET_TAGS = (
     "highway", "name", "width", "lanes", "tunnel", "bridge", "layer", "covered", "indoor", "access", "foot", "motor_vehicle",
     "footway", "area",
 )  # fmt: skip
+
+
+# osmium has no class for all of its errors; what decompresses has others.
+_DAMAGE = (osmium.InvalidLocationError, RuntimeError, ValueError, EOFError, zlib.error)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,13 +88,22 @@ def read_osm(path: Path, ledger: Ledger, *, buildings: bool, streets: bool) -> t
         CityError: the file cannot be read to its end.
     """
     try:
-        text = look_through(path)
-        relations, groups, members = _read_relations(text, ledger, buildings=buildings, streets=streets)
-        areas = _read_areas(text, {number for group in groups for number in group.areas})
-        members |= {number for outer, inner in areas.values() for number in (*outer, *inner)}
-        ways, raw_buildings, raw_streets = _read_ways(text, ledger, members, buildings=buildings, streets=streets)
-    except (osmium.InvalidLocationError, RuntimeError, ValueError, EOFError, zlib.error) as error:
-        # osmium has no class for all of its errors; what decompresses has others.
+        text, trial = look_through(path), Ledger()
+        try:
+            found = _read_all(text, trial, buildings=buildings, streets=streets)
+        except _DAMAGE as error:  # where a number is none, osmium reads nothing beyond
+            repaired, lost = text, list[str]()
+            with suppress(*_DAMAGE):
+                repaired, lost = without_damage(path)
+            if not lost:
+                raise error
+            trial = Ledger()
+            found = _read_all(repaired, trial, buildings=buildings, streets=streets)
+            known = ledger.count("left out", DAMAGED)
+            trial.note("left out", DAMAGED, ", ".join(lost[:3]), count=0 if known else len(lost))
+        ledger.absorb(trial)
+        relations, groups, areas, ways, raw_buildings, raw_streets = found
+    except _DAMAGE as error:
         raise CityError(f"{path}: expected OpenStreetMap XML or PBF, complete to its end; found: {error}") from error
     assembled: list[RawBuilding] = []
     outlines: set[int] = set()
@@ -115,6 +129,23 @@ def read_osm(path: Path, ledger: Ledger, *, buildings: bool, streets: bool) -> t
         BuildingLayer(str(path), tuple(assembled), crs, True, "height tag", "building:levels"),
         StreetLayer(str(path), tuple(raw_streets), crs, True),
     )
+
+
+_Areas = dict[int, tuple[tuple[int, ...], tuple[int, ...]]]
+"""Outer and inner ways of relations, by the relations' ids."""
+_Outline = tuple[int, _Way, dict[str, str]]
+"""A way that outlines a building: its id, the way, and its tags."""
+
+
+def _read_all(
+    text: OsmText, ledger: Ledger, *, buildings: bool, streets: bool
+) -> tuple[list[_Relation], list[_Group], _Areas, dict[int, _Way], list[_Outline], list[RawStreet]]:
+    """Relations that are buildings, those that group them, areas and ways that these need, outlines, and streets."""
+    relations, groups, members = _read_relations(text, ledger, buildings=buildings, streets=streets)
+    areas = _read_areas(text, {number for group in groups for number in group.areas})
+    members |= {number for outer, inner in areas.values() for number in (*outer, *inner)}
+    ways, outlines, raw_streets = _read_ways(text, ledger, members, buildings=buildings, streets=streets)
+    return relations, groups, areas, ways, outlines, raw_streets
 
 
 def _entities(text: OsmText, kind: Any, places: Any = None) -> Iterator[Any]:  # noqa: ANN401 (osmium's types)
@@ -190,9 +221,9 @@ def _read_relations(
     return relations, groups, frozenset(members)
 
 
-def _read_areas(text: OsmText, wanted: set[int]) -> dict[int, tuple[tuple[int, ...], tuple[int, ...]]]:
+def _read_areas(text: OsmText, wanted: set[int]) -> _Areas:
     """The outer and inner ways of relations by their ids; the file is read only where some are wanted."""
-    areas: dict[int, tuple[tuple[int, ...], tuple[int, ...]]] = {}
+    areas: _Areas = {}
     for relation in _entities(text, osmium.osm.RELATION) if wanted else ():
         if relation.id in wanted:
             ways = [(one.role == "inner", one.ref) for one in relation.members if one.type == "w"]
@@ -203,7 +234,7 @@ def _read_areas(text: OsmText, wanted: set[int]) -> dict[int, tuple[tuple[int, .
 
 def _from_groups(
     groups: list[_Group],
-    areas: dict[int, tuple[tuple[int, ...], tuple[int, ...]]],
+    areas: _Areas,
     tagged: dict[str, str],
     ledger: Ledger,
 ) -> tuple[list[_Relation], dict[str, dict[str, str]]]:
@@ -239,10 +270,10 @@ def _read_ways(
     *,
     buildings: bool,
     streets: bool,
-) -> tuple[dict[int, _Way], list[tuple[int, _Way, dict[str, str]]], list[RawStreet]]:
+) -> tuple[dict[int, _Way], list[_Outline], list[RawStreet]]:
     """Member ways by id; building ways as (id, way, tags); streets."""
     ways: dict[int, _Way] = {}
-    outlines: list[tuple[int, _Way, dict[str, str]]] = []
+    outlines: list[_Outline] = []
     raw_streets: list[RawStreet] = []
     # A file may hold ways before nodes: fill the table of places first, then use it.
     places = osmium.index.create_map("flex_mem")

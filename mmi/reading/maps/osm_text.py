@@ -11,6 +11,7 @@ from __future__ import annotations
 import bz2
 import gzip
 import io
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ import osmium
 
 from mmi.reading.xml_elements import xml_root
 
-__all__ = ["OsmText", "look_through"]
+__all__ = ["DAMAGED", "OsmText", "look_through", "without_damage"]
 
 # Elements of OpenStreetMap's XML with their attributes, and what an editor writes there.
 _ELEMENT = re.compile(rb"""<(way|relation)((?:\s+[\w:]+\s*=\s*(?:"[^"]*"|'[^']*'))+)\s*/?>""")
@@ -30,6 +31,8 @@ _ID = re.compile(rb"""\sid=["'](-?\d+)["']""")
 _DELETE = re.compile(rb"""\saction=["']delete["']""")
 _PLACES_IN_MEMBER = re.compile(rb"<member\b[^>]*[^>/]>\s*<nd\b")
 _CORNER = re.compile(rb"<nd\b[^>]*>")
+DAMAGED = "element: an id or a place that is no number"
+"""Why elements are left out without which the file can be read."""
 _BLOCK = 1 << 20
 _OVERLAP = 512
 _FIRST_ID = 1 << 50
@@ -73,6 +76,50 @@ def look_through(path: Path) -> OsmText:
     if not (to_write or without_id):
         return OsmText(str(path), deleted)
     return OsmText(osmium.io.FileBuffer(_written_anew(text), "osm"), deleted)
+
+
+def without_damage(path: Path) -> tuple[OsmText, list[str]]:
+    """How to read ``path`` without the elements whose ids or places are no numbers, and which these are; none in PBF.
+
+    Raises:
+        OSError, ValueError, EOFError, zlib.error: the file is cut off, or no XML.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".pbf":
+        return OsmText(str(path), frozenset()), []
+    opener: Any = {".gz": gzip.open, ".bz2": bz2.open}.get(suffix, open)
+    with opener(path, "rb") as file:
+        text = _written_anew(file.read())
+    root = xml_root(io.BytesIO(text))
+    lost: list[str] = []
+    for one in list(root):
+        inside = [part for part in one if part.tag in ("nd", "member")]
+        if one.tag in ("node", "way", "relation") and not _are_numbers(one, "id", "lat", "lon"):
+            root.remove(one)
+            lost.append(f"{one.tag}/{one.get('id', 'without id')[:20]}")
+        for part in inside:
+            if not _are_numbers(part, "ref", "lat", "lon"):
+                one.remove(part)
+                lost.append(f"{part.tag} of {one.tag}/{one.get('id', 'without id')[:20]}")
+    found = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    return OsmText(osmium.io.FileBuffer(found, "osm"), frozenset(_deleted(text))), lost
+
+
+def _are_numbers(element: ElementTree.Element, *names: str) -> bool:
+    """Whether those of the attributes that are there are numbers; ids are whole and within 60 bits."""
+    for name in names:
+        value = element.get(name)
+        if value is None:
+            continue
+        if name in ("id", "ref") and not re.fullmatch(r"-?\d{1,18}", value):
+            return False
+        try:
+            sound = math.isfinite(float(value))
+        except ValueError:
+            sound = False
+        if not sound:
+            return False
+    return True
 
 
 def _deleted(text: bytes) -> Iterator[str]:

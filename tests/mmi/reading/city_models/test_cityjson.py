@@ -292,6 +292,15 @@ def test_a_reason_names_the_geometry_that_there_is(tmp_path):
     assert ledger.count("left out", "building: no surfaces (MultiPoint)") == 1
 
 
+def test_parts_that_are_not_there_are_counted_with_their_building(tmp_path):
+    part = {"type": "BuildingPart", "parents": ["a"], "geometry": [solid(SECOND)]}
+    made = document(a={"type": "Building", "children": ["p", "gone", "lost"]}, p=part, b=building(solid()))
+    layer, ledger = read(made, tmp_path)
+    assert [item.id for item in layer.items] == ["a", "b"]
+    (line,) = ledger.report(source="", crs="", origin=(0, 0, 0)).left_out
+    assert (line.what, line.count, line.examples) == ("part: not in the file", 2, ("a",))
+
+
 def test_footprints_with_a_height_are_prisms(tmp_path):
     """The height of a building or of its part; where there is a solid, it counts."""
     flat = {"type": "MultiSurface", "lod": "0", "boundaries": [[[0, 3, 2, 1]]]}

@@ -10,7 +10,7 @@ import shapely
 
 from mmi.foundation.errors import CityError
 from mmi.reading.maps.osm import read_osm
-from mmi.reading.maps.osm_text import look_through
+from mmi.reading.maps.osm_text import DAMAGED, look_through
 from mmi.reading.report import Ledger
 
 SQUARE = [(9.0, 48.0), (9.001, 48.0), (9.001, 48.001), (9.0, 48.001), (9.0, 48.0)]
@@ -115,3 +115,47 @@ def test_damage_is_told(tmp_path, damage):
     path.write_text(f"<!DOCTYPE osm><osm version='0.6'>{body}</osm>" if "!" in damage else f"<osm>{body}</way>")
     with pytest.raises(CityError, match=r"a\.osm"):
         read_osm(path, Ledger(), buildings=True, streets=False)
+
+
+HOUSES = [
+    "".join(f"<node id='{n}{k}' lat='{y}' lon='{x + 0.01 * n}'/>" for k, (x, y) in enumerate(SQUARE[:4]))
+    + way(n, "".join(f"<nd ref='{n}{k}'/>" for k in (0, 1, 2, 3, 0)), building="yes")
+    for n in (1, 2)
+]
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        "<node id='50' lat='NaN' lon='9'/>",
+        "<node id='50' lat='' lon='9'/>",
+        "<node id='50' lat='48,5' lon='9'/>",
+        "<node id='x' lat='48' lon='9'/>",
+        "<way id='x'><nd ref='10'/></way>",
+        "<way id='50'><nd ref='a'/></way>",
+        "<relation id='x'/>",
+        "<relation id='50'><member type='way' ref='?' role='outer'/></relation>",
+    ],
+)
+@pytest.mark.parametrize("name", ["a.osm", "a.osm.gz"])
+def test_an_element_that_is_no_number_costs_itself(tmp_path, bad, name):
+    houses, ledger = read(tmp_path / name, HOUSES[0], bad, HOUSES[1])
+    assert [one.id for one in houses] == ["way/1", "way/2"]
+    assert all(one.geometry.area == pytest.approx(1e-6) for one in houses)
+    assert ledger.count("left out", DAMAGED) == ledger.count("left out") == 1
+    assert ledger.count("read", "buildings") == 2
+
+
+def test_a_corner_that_is_no_number_costs_its_house(tmp_path):
+    houses, ledger = read(tmp_path / "a.osm", HOUSES[0].replace("lat='48.0'", "lat='nan'", 1), HOUSES[1])
+    assert [one.id for one in houses] == ["way/2"]
+    assert ledger.count("left out", "building: nodes missing from the file") == 1
+    (line,) = [one for one in ledger.report(source="", crs="", origin=(0, 0, 0)).left_out if one.what == DAMAGED]
+    assert line.examples == ("node/10",)
+
+
+def test_deletions_in_a_damaged_file_are_told_too(tmp_path):
+    gone = HOUSES[1].replace("<way ", "<way action='delete' ")
+    houses, ledger = read(tmp_path / "a.osm", HOUSES[0], "<node id='x' lat='48' lon='9'/>", gone)
+    assert [one.id for one in houses] == ["way/1"]
+    assert ledger.count("left out", "building: deleted in an editor") == 1
