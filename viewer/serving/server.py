@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Self
 from aiohttp import web
 
 from mmi.foundation.errors import DatasetError, ParameterError
+from mmi.foundation.json_forms import shown
 from viewer.serving.access import Door, content_policy, is_loopback, new_token, refusal, token_fits
 from viewer.serving.client import MOST_BYTES, Client
 from viewer.serving.encoding import Encoder
@@ -89,6 +90,12 @@ class ServerOptions:
             raise ParameterError(f"port: 0 to 65535 expected, found {self.port}")
         if not self.host or any(letter.isspace() or letter in "/@?#" for letter in self.host):
             raise ParameterError(f"host: a name or an address of this machine expected, found {self.host!r}")
+        try:
+            self.host.encode("idna")
+        except UnicodeError:  # an empty or endless part of a name, which no look-up takes
+            raise ParameterError(
+                f"host: a name or an address of this machine expected, found {shown(self.host)}"
+            ) from None
         if self.token is None and not is_loopback(self.host):
             object.__setattr__(self, "token", new_token())
         self.door()

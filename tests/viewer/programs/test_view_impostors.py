@@ -76,6 +76,8 @@ def run(capsys, *arguments):
         (("{dataset}", "--port", "{taken}"), "an address to listen at expected, found: "),
         (("{dataset}", "--host", "nowhere.invalid"), "nowhere.invalid, port 0: an address to listen at expected"),
         (("{dataset}", "--host", "a b"), "--host: a name or an address of this machine expected"),
+        (("{dataset}", "--host", "a..b"), "--host: a name or an address of this machine expected, found 'a..b'"),
+        (("{dataset}", "--host", 400 * "x"), "--host: a name or an address of this machine expected, found 'xxx"),
         (("{dataset}", "--token", "short"), "--token: 8 to 128 letters"),
         (("{dataset}", "--cache", "nan"), "--cache: 1 to 1000000 MB expected, found nan"),
         (("{dataset}", "--techniques", "full,nothing-like-it"), "nothing-like-it"),
