@@ -21,7 +21,7 @@ def add_city_arguments(parser: argparse.ArgumentParser) -> None:
         type=path_option,
         metavar="CITY",
         help="OpenStreetMap .osm or .osm.pbf, footprints in a format that GDAL reads, or a 3D model: CityJSON, CityGML (also a "
-        "folder of tiles), glTF, OBJ, PLY, STL",
+        "folder or zip of tiles), glTF, OBJ, PLY, STL",
     )
     city = parser.add_argument_group("the city")
     city.add_argument("--streets", type=path_option, metavar="FILE", help="streets, where CITY holds only buildings")

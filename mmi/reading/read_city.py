@@ -18,6 +18,7 @@ from mmi.city.model import City
 from mmi.foundation.errors import CityError, ParameterError
 from mmi.reading.antimeridian import joined_buildings, joined_streets
 from mmi.reading.city_models.tiles import joined_tiles, tiles_of
+from mmi.reading.city_models.zipped import unpacked_tiles
 from mmi.reading.coordinates import (
     Box,
     agree_on_crs,
@@ -55,7 +56,7 @@ def read_city(
 
     Args:
         path: OpenStreetMap ``.osm`` or ``.osm.pbf``, a file that GDAL reads, a folder of those, or a 3D model: CityJSON
-            (also a sequence), CityGML, a folder of tiles of these two, glTF, OBJ, PLY, STL.
+            (also a sequence), CityGML, a folder or zip of tiles of these two, glTF, OBJ, PLY, STL.
         options: further files, and what the reader shall not guess; None: ``ReadOptions()``.
         progress: is called with (done, of how many, what is done), from 0 to all, for one step after the other.
 
@@ -73,11 +74,12 @@ def read_city(
             raise CityError(f"{file}: no such file or folder")
     ledger = Ledger()
     try:
-        tiles = tiles_of(path) if path.is_dir() else []
         file = _the_file(path)
-        if tiles or is_model(file):
-            city = _read_model_city(path, tiles or [file], options, override, ledger, progress)
-            return city, _accounted(city, ledger)
+        with unpacked_tiles(path) as unpacked:
+            tiles = tiles_of(path) if path.is_dir() else unpacked
+            if tiles or is_model(file):
+                city = _read_model_city(path, tiles or [file], options, override, ledger, progress)
+                return city, _accounted(city, ledger)
         if options.lod is not None:
             raise ParameterError(f"--lod: a 3D model expected, found {path}")
         with step(progress, f"reading the buildings of {_printable(file.name)}"):
@@ -129,7 +131,7 @@ def read_city(
 def _read_model_city(
     path: Path, files: list[Path], options: ReadOptions, override: CRS | None, ledger: Ledger, progress: Progress | None
 ) -> City:
-    """The city of a 3D model: ``files`` are ``path``, the only one in that folder, or all of its tiles."""
+    """The city of a 3D model: ``files`` are ``path``, the only one in that folder, or all of its tiles (of that zip)."""
     _refuse_columns(path, "a 3D model", options)
     if options.objects == "blocks":
         raise ParameterError(f"--objects: buildings expected, as {path} is a 3D model, found 'blocks'")
@@ -142,8 +144,10 @@ def _read_model_city(
                 if len(files) == 1 or (file == files[-1] and not layers):
                     raise
                 ledger.note("left out", "tile: it cannot be used", _printable(file.name))
-                ledger.warn(str(error))
+                ledger.warn(str(error).replace(str(file), _printable(file.name)))
     layer = layers[0] if len(files) == 1 else joined_tiles(str(path), layers, ledger)
+    if path.is_file():  # the file itself, or what was unpacked from it
+        layer = replace(layer, file=str(path))
     ledger.note("read", "tiles", count=len(layers) if len(files) > 1 else 0)
     layer = heights_in_metres(layer, options.height_unit, override, ledger)
     lines: StreetLayer | None = None

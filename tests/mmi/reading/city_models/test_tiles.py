@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 
 import numpy as np
 import pytest
@@ -130,6 +131,80 @@ def test_one_city_in_two_formats_is_no_folder_of_tiles(tmp_path):
     assert [one.name for one in tiles_of(tmp_path)] == ["1.json", "2.json"]
     citygml(tmp_path / "1.gml", "a", "b")
     assert tiles_of(tmp_path) == []
+
+
+def zipped(folder, path, **more):
+    """All files of a folder in a zip, a folder deep, and ``more`` by name."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for one in sorted(folder.iterdir()):
+            archive.write(one, f"download/{one.name}")
+        for name, text in more.items():
+            archive.writestr(name, text)
+    return path
+
+
+@pytest.mark.parametrize(("write", "suffix"), [(cityjson, "json"), (citygml, "gml")])
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_zip_of_tiles_is_one_city(write, suffix, number, tmp_path):
+    (tmp_path / "tiles").mkdir()
+    for k, names in enumerate(["ab", "cd"][:number]):
+        write(tmp_path / "tiles" / f"{k}.{suffix}", *names)
+    path = zipped(
+        tmp_path / "tiles", tmp_path / "city.zip", **{"readme.xml": "<readme/>", "index.json": "[]", "big.bin": "x"}
+    )
+    city, report = read_city(path)
+    folder, _ = read_city(tmp_path / "tiles")
+    assert outlines(city) == outlines(folder)
+    assert (city.crs, city.origin, city.source) == (folder.crs, folder.origin, "city.zip")
+    assert report.warnings == ()
+
+
+def test_pictures_in_a_zip_are_found(tmp_path):
+    (tmp_path / "tiles").mkdir()
+    cityjson(tmp_path / "tiles" / "1.json", "a", color=(200, 0, 0))
+    city, _ = read_city(zipped(tmp_path / "tiles", tmp_path / "city.zip"))
+    assert [one.image[0, 0].tolist() for one in city.textures] == [[200, 0, 0]]
+
+
+def test_names_that_lead_out_of_a_zip_are_passed_over(tmp_path):
+    (tmp_path / "tiles").mkdir()
+    cityjson(tmp_path / "tiles" / "1.json", "a")
+    evil = (tmp_path / "tiles" / "1.json").read_text()
+    names = ["../evil.json", "/tmp/evil.json", "a/../../evil.json", "C:/evil.json", "..\\evil.json"]
+    city, _ = read_city(zipped(tmp_path / "tiles", tmp_path / "city.zip", **dict.fromkeys(names, evil)))
+    assert [one.id for one in city.objects] == ["a"]
+    assert not list(tmp_path.rglob("*evil*"))
+
+
+def test_errors_in_a_zip_name_the_zip(tmp_path):
+    (tmp_path / "tiles").mkdir()
+    citygml(tmp_path / "tiles" / "1.gml", "a")
+    text = (tmp_path / "tiles" / "1.gml").read_text()
+    (tmp_path / "tiles" / "1.gml").write_text(text[:-20])
+    with pytest.raises(CityError) as caught:
+        read_city(zipped(tmp_path / "tiles", tmp_path / "city.zip"))
+    assert str(caught.value).startswith(f"{tmp_path}/city.zip/download/1.gml: CityGML expected, found damaged XML")
+    (tmp_path / "tiles" / "1.gml").write_text(text)
+    cityjson(tmp_path / "tiles" / "2.json", "a")
+    with pytest.raises(CityError, match=r"city\.zip: tiles of one kind expected, found both CityGML and CityJSON"):
+        read_city(zipped(tmp_path / "tiles", tmp_path / "city.zip"))
+
+
+def test_damaged_and_huge_zips_are_refused_in_one_line(tmp_path, monkeypatch):
+    (tmp_path / "tiles").mkdir()
+    cityjson(tmp_path / "tiles" / "1.json", *"abcd")
+    path = zipped(tmp_path / "tiles", tmp_path / "city.zip")
+    whole = bytearray(path.read_bytes())
+    whole[60:300] = bytes(240)
+    path.write_bytes(whole)
+    with pytest.raises(
+        CityError, match=r"city\.zip: expected a zip of city models, complete and open; found: "
+    ) as caught:
+        read_city(path)
+    assert "\n" not in str(caught.value)
+    monkeypatch.setattr("mmi.reading.city_models.zipped._MOST_BYTES", 1000)
+    with pytest.raises(CityError, match=r"city\.zip: at most .* together expected, found 1 of .*; unpack it"):
+        read_city(zipped(tmp_path / "tiles", path))
 
 
 def test_options_hold_for_all_tiles(tmp_path):
