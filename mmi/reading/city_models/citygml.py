@@ -216,10 +216,9 @@ def _footprints(building: ElementTree.Element) -> list[_Footprint]:
 
 
 def _attributes(holder: ElementTree.Element) -> dict[str, object]:
-    """Numbers that stand directly in a building, by name; those in feet say so."""
-    feet = [child for child in holder if re.search("ft|feet|foot", child.attrib.get("uom", ""), re.IGNORECASE)]
+    """What stands directly in a building, by name, with its unit."""
     return {
-        local_name(child): {"value": (child.text or "").strip(), "uom": "ft" if child in feet else ""}
+        local_name(child): {"value": (child.text or "").strip(), "uom": child.attrib.get("uom", "")}
         for child in holder
         if not len(child)
     }

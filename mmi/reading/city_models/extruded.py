@@ -6,13 +6,14 @@ The height is told by an attribute with one of the names that columns of maps ha
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mmi.reading.maps.gis_columns import HEIGHT_COLUMNS, LEVELS_COLUMNS, plain_name
-from mmi.reading.maps.heights import LEVEL_HEIGHT, parse_metres
+from mmi.reading.maps.gis_columns import HEIGHT_COLUMNS, LEVELS_COLUMNS, plain_name, says_feet
+from mmi.reading.maps.heights import FOOT, LEVEL_HEIGHT, parse_metres
 
 __all__ = ["height_from_attributes", "prism_of_rings"]
 
@@ -26,7 +27,7 @@ def height_from_attributes(attributes: Mapping[str, object]) -> tuple[float, str
         for wanted in names:
             for name, value in attributes.items():
                 if plain_name(name) == wanted:
-                    height = metres * _number(value)
+                    height = metres * _number(value) * (FOOT if says_feet(name) else 1.0)
                     if 0.0 < height <= _MOST:
                         return height, f"{name}{note}"
     return None
@@ -34,8 +35,9 @@ def height_from_attributes(attributes: Mapping[str, object]) -> tuple[float, str
 
 def _number(value: object) -> float:
     """The number in an attribute, which may name its unit; not a number where there is none."""
-    if isinstance(value, Mapping):  # {"value": 12.0, "uom": "m"}
-        value = f"{value.get('value')} {value.get('uom', '')}".strip()
+    if isinstance(value, Mapping):  # {"value": 12.0, "uom": "m"}, where the unit may be a URN
+        in_feet = re.search("ft|feet|foot", str(value.get("uom")), re.IGNORECASE)
+        value = f"{value.get('value')} {'ft' if in_feet else ''}".strip()
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         return math.nan
     found = parse_metres(str(value))

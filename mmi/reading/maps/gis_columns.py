@@ -19,7 +19,7 @@ from mmi.reading.report import Ledger
 
 __all__ = [
     "BUILDING_COLUMNS", "HEIGHT_COLUMNS", "LEVELS_COLUMNS", "STREET_COLUMNS", "guess_column", "ids_of_rows", "in_feet",
-    "plain_name", "tags_of_rows", "unit_of_heights", "why_no_building", "why_no_street",
+    "plain_name", "says_feet", "tags_of_rows", "unit_of_heights", "why_no_building", "why_no_street",
 ]  # fmt: skip
 
 # Names are compared without case and punctuation; the first that a layer has is used.
@@ -104,11 +104,16 @@ def _text(value: object) -> str | None:
     return str(value).strip() or None
 
 
+def says_feet(name: str) -> bool:
+    """Whether the name of a column or attribute says that it holds feet (``height_ft``)."""
+    return _SAYS_FEET.search(name) is not None
+
+
 def unit_of_heights(column: str, told: str | None, file: str, ledger: Ledger) -> str:
     """``m`` or ``ft``: the unit of the ``column`` of heights, ``told`` or as its name says; of an unsure one it warns."""
     if told is not None or not column:
         return told or "m"
-    if _SAYS_FEET.search(column):
+    if says_feet(column):
         ledger.note("noted", f"heights in feet, as the column's name says ({column})")
         return "ft"
     if plain_name(column) in _KNOWN_IN_FEET:
