@@ -181,8 +181,8 @@ def _bounds(boxes: NDArray[np.float64], eye_from_world: NDArray[np.float64], foc
 
 def capture_window(view: View, bounds: NDArray[np.float64], *, margin: int) -> CaptureWindow | None:
     """What shows boxes of ``bounds`` (k, 4) in ``view``, as far as ``margin`` pixels beyond it; None where nothing does."""
-    x, y, right, bottom, whole, extent = _window(bounds, view.window, margin)
-    if right - x < 1.0 or bottom - y < 1.0:
+    x, y, right, bottom, whole, extent, any_shown = _window(bounds, view.window, margin)
+    if not any_shown or right - x < 1.0 or bottom - y < 1.0:
         return None
     return CaptureWindow((int(x), int(y), int(right - x), int(bottom - y)), extent, bool(whole))
 
@@ -190,21 +190,26 @@ def capture_window(view: View, bounds: NDArray[np.float64], *, margin: int) -> C
 @njit(cache=True, error_model="numpy")
 def _window(
     bounds: NDArray[np.float64], window: tuple[int, int, int, int], margin: int
-) -> tuple[float, float, float, float, bool, tuple[float, float, float, float]]:
-    """Left, top, right, bottom of the window, nothing where they cross; whether nothing lies outside; and of all boxes."""
-    left, top, right, bottom, whole = np.inf, np.inf, -np.inf, -np.inf, True
+) -> tuple[float, float, float, float, bool, tuple[float, float, float, float], bool]:
+    """Left, top, right, bottom of the window, nothing where they cross; whether nothing lies outside; and of all boxes.
+
+    Last, whether any box is shown at all: boxes to the left and to the right of a view have one around both that is.
+    """
+    inner_x, inner_y = window[0] - margin, window[1] - margin
+    outer_x, outer_y = window[0] + window[2] + margin, window[1] + window[3] + margin
+    left, top, right, bottom, whole, any_shown = np.inf, np.inf, -np.inf, -np.inf, True, False
     for k in range(len(bounds)):
         if np.isnan(bounds[k, 0]):
             whole = False
         else:
             left, top = min(left, bounds[k, 0]), min(top, bounds[k, 1])
             right, bottom = max(right, bounds[k, 2]), max(bottom, bounds[k, 3])
-    inner_x, inner_y = window[0] - margin, window[1] - margin
-    outer_x, outer_y = window[0] + window[2] + margin, window[1] + window[3] + margin
+            across = bounds[k, 0] < outer_x and bounds[k, 2] > inner_x
+            any_shown = any_shown or (across and bounds[k, 1] < outer_y and bounds[k, 3] > inner_y)
     first_x, first_y = max(np.floor(left) - 1.0, inner_x), max(np.floor(top) - 1.0, inner_y)
     last_x, last_y = min(np.ceil(right) + 1.0, outer_x), min(np.ceil(bottom) + 1.0, outer_y)
     whole = whole and left >= first_x and top >= first_y and right <= last_x and bottom <= last_y
-    return first_x, first_y, last_x, last_y, whole, (left, top, right, bottom)
+    return first_x, first_y, last_x, last_y, whole, (left, top, right, bottom), any_shown
 
 
 def spans_of(view: View, bounds: NDArray[np.float64]) -> NDArray[np.int64]:

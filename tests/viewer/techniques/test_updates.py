@@ -74,6 +74,18 @@ def test_a_window_and_its_spans_hold_all_that_the_view_shows(boxes, azimuth, mar
     assert ((v[inside] - y >= spans[column, 0]) & (v[inside] - y <= spans[column, 1])).all()
 
 
+def test_boxes_on_either_side_of_a_view_are_not_in_it():
+    """The box around both is; to take its part of the view for something to capture ended the frame with an error."""
+    view = view_from((0.0, 0.0, 1.7), 0.0)
+    beside = np.array([[[20.0, 40.0, 0.0], [22.0, 44.0, 6.0]], [[20.0, -44.0, 0.0], [22.0, -40.0, 6.0]]])
+    bounds = bounds_in(view, beside)
+    assert bounds[:, 0].min() < WINDOW[0] and bounds[:, 2].max() > WINDOW[0] + WINDOW[2]
+    assert capture_window(view, bounds, margin=0) is None
+    assert capture_window(view, bounds, margin=600) is not None
+    one_more = np.concatenate([beside, [[[20.0, -1.0, 0.0], [22.0, 1.0, 6.0]]]])
+    assert capture_window(view, bounds_in(view, one_more), margin=0) is not None
+
+
 def captured(view, boxes, margin):
     place = capture_window(view, bounds_in(view, boxes), margin=margin)
     if place is None:
