@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 import threading
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import NoReturn
 
@@ -102,14 +104,32 @@ def _view(options: argparse.Namespace) -> None:
         if not options.no_browser and has_screen(os.environ):
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
-    studio = Studio(options.dataset, wanted)
-    if not options.window:
-        serve(studio, chosen, started=started)
-        return
+    with _all_signals_end_it_as_ctrl_c_does():
+        studio = Studio(options.dataset, wanted)
+        if not options.window:
+            serve(studio, chosen, started=started)
+            return
+        try:
+            find_browser()
+            with studio, ServerThread(studio, chosen) as address:
+                print(address, flush=True)
+                show_window(address)
+        except ParameterError as error:
+            raise ParameterError(f"--window: {error}") from None
+
+
+@contextmanager
+def _all_signals_end_it_as_ctrl_c_does() -> Iterator[None]:
+    """Being told to end, or losing the terminal, takes films, windows and profiles along as Ctrl-C does.
+
+    What whoever started the program has set for a signal stays (``nohup``).
+    """
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    ours = [one for one in numbers if signal.getsignal(one) == signal.SIG_DFL]
+    for one in ours:
+        signal.signal(one, lambda *_: signal.raise_signal(signal.SIGINT))
     try:
-        find_browser()
-        with studio, ServerThread(studio, chosen) as address:
-            print(address, flush=True)
-            show_window(address)
-    except ParameterError as error:
-        raise ParameterError(f"--window: {error}") from None
+        yield
+    finally:
+        for one in ours:
+            signal.signal(one, signal.SIG_DFL)

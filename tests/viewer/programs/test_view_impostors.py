@@ -1,5 +1,6 @@
 """``view-impostors`` as a user meets it: its first line of output, Ctrl-C, and one line for each mistake."""
 
+import asyncio
 import re
 import shlex
 import signal
@@ -9,8 +10,9 @@ import sys
 import threading
 import urllib.error
 import urllib.request
-from contextlib import contextmanager
+from contextlib import AsyncExitStack, contextmanager
 
+import aiohttp
 import pytest
 
 from viewer.programs import view_impostors as program
@@ -48,6 +50,33 @@ def test_the_first_line_is_the_address_and_ctrl_c_ends_it(dataset):
     assert process.returncode == 130
     assert out == ""
     assert err.splitlines() == ["Ctrl-C ends the viewer.", "view-impostors: interrupted; the viewer was ended"]
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_to_be_told_to_end_takes_the_films_along(dataset, tmp_path, monkeypatch, name):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    with started(dataset.path) as (process, line):
+        asyncio.run(_begin_a_film(line))
+        assert list(tmp_path.glob("view-impostors-*"))
+        process.send_signal(getattr(signal, name))
+        _, err = process.communicate(timeout=20.0)
+    assert process.returncode == 130
+    assert err.splitlines()[-1] == "view-impostors: interrupted; the viewer was ended"
+    assert not list(tmp_path.glob("view-impostors-*"))
+
+
+async def _begin_a_film(address):
+    async with AsyncExitStack() as stack:
+        await stack.enter_async_context(asyncio.timeout(50.0))
+        session = await stack.enter_async_context(aiohttp.ClientSession())
+        one = await stack.enter_async_context(session.ws_connect(f"{address}socket", origin=address.rstrip("/")))
+        await one.send_json({"type": "size", "width": 64, "height": 64})
+        async for heard in one:
+            kind = heard.json()["type"] if heard.type is aiohttp.WSMsgType.TEXT else "frame"
+            if kind == "hello":
+                await one.send_json({"type": "film", "id": 1})
+            if kind == "progress":
+                return
 
 
 def test_another_host_has_a_token_in_its_address(dataset):
