@@ -347,6 +347,9 @@ def test_the_map_knows_the_cell_and_what_it_draws_how(page):
     colours = {tuple(one) for one in shown}
     assert (255, 255, 255) in colours, "near"
     assert (230, 159, 0) in colours, "layer 0, in the colour that tinted pictures have"
+    assert (255, 209, 102) in colours, "the cell that the viewer is in, which the viewer's own mark does not hide"
+    assert (138, 116, 64) in colours, "where else impostors were built, to be told from the ground"
+    assert page.get_by_text("other cells").is_visible()
     page.keyboard.press("m")
 
 

@@ -1,7 +1,7 @@
 // The map: footprints, cells, what is near and far where somebody stands, and the way that was walked. A click goes there.
 
 const LAYERS = ["#4e9bff", "#b48cff", "#3fd0c9", "#ff8fab", "#a3d65c", "#e0a84e", "#7fa7c9", "#d98cff"];
-const HERE = "#ffd166", PICKED = "#ff4f9a", NEAR = "#ffffff", UNSEEN = "#3a4250", GROUND = "#171b21", STREET = "#272e38";
+const HERE = "#ffd166", PICKED = "#ff4f9a", NEAR = "#ffffff", UNSEEN = "#3a4250", GROUND = "#171b21", CELL = "#8a7440";
 const MOST_TRACE = 4000;
 
 export function map(box, canvas, key, { go, ask }) {
@@ -59,15 +59,16 @@ export function map(box, canvas, key, { go, ask }) {
     const [left, right] = [view.x - width / view.scale, view.x + width / view.scale];
     const [low, high] = [view.y - height / view.scale, view.y + height / view.scale];
     pen.lineCap = "round";
-    for (const cell of city.cells) {
-      const here = header && cell.id === header.cell;
-      pen.strokeStyle = here ? HERE : STREET;
-      pen.lineWidth = Math.max((here ? 4 : 2) / view.scale, 2 * cell.half_width);
+    const street = (cell, style, least) => {
+      pen.strokeStyle = style;
+      pen.lineWidth = Math.max(least / view.scale, 2 * cell.half_width);
       pen.beginPath();
       pen.moveTo(...cell.axis[0]);
       pen.lineTo(...cell.axis[1]);
       pen.stroke();
-    }
+    };
+    for (const cell of city.cells) street(cell, CELL, 3);
+    for (const cell of city.cells) if (cell.id === header?.cell) street(cell, HERE, 7);   // over its neighbours
     const groups = new Map();                  // colour -> one path for all
     for (const one of city.footprints) {
       const [x0, y0, x1, y1] = one.box;
@@ -122,7 +123,7 @@ export function map(box, canvas, key, { go, ask }) {
     pen.closePath();
     pen.fill();
     pen.beginPath();
-    pen.arc(x, y, 5.5, 0, 2 * Math.PI);
+    pen.arc(x, y, 4.5, 0, 2 * Math.PI);
     pen.fillStyle = "#ff6b6b";
     pen.fill();
     pen.strokeStyle = "#fff";
@@ -200,7 +201,7 @@ export function map(box, canvas, key, { go, ask }) {
     city(reply) {
       city = { ...read(reply), number: number++ };
       asked = (header?.pose ?? hello?.pose ?? [0, 0]).slice(0, 2);
-      key.replaceChildren(entry(HERE, "cell that you are in"), entry(NEAR, "near: geometry"), ...(hello?.layers ?? []).slice(0, 8).map((layer) => entry(layerColor(layer), `layer ${layer}`)), entry(UNSEEN, "cannot be seen from here"), entry("#ff6b6b", "where you walked"));
+      key.replaceChildren(entry(HERE, "cell that you are in"), entry(CELL, "other cells"), entry(NEAR, "near: geometry"), ...(hello?.layers ?? []).slice(0, 8).map((layer) => entry(layerColor(layer), `layer ${layer}`)), entry(UNSEEN, "cannot be seen from here"), entry("#ff6b6b", "where you walked"));
       wake();
     },
     frame(found) {

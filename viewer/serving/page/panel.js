@@ -62,7 +62,7 @@ export function panel({ change, note, download, copyLink, ask, send, save, scale
     ["draws", (view) => spaced(view.draws)],
     ["milliseconds", (view) => viewMs(view).toFixed(1)],
     ["megabytes", (view) => (view.memory_mb === undefined ? "–" : Number(view.memory_mb).toFixed(1))],
-    ["near objects", (view) => (view.near === null || view.near === undefined ? "–" : spaced(view.near))],
+    ["objects as geometry", (view) => (view.near === null || view.near === undefined ? "–" : spaced(view.near))],
     ["layers stored", (view) => view.stored ?? "–"],
     ["captured / reused", (view) => (view.captured === undefined ? "–" : `${view.captured} / ${view.reused}`)],
   ];

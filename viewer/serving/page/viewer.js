@@ -361,7 +361,7 @@ async function pick(x, y) {
   const from = String(state.header?.pose);
   const question = { type: "pick", x: Math.max(0, Math.min(picture.width - 1, Math.floor(x * sx))), y: Math.max(0, Math.min(picture.height - 1, Math.floor(y * sy))) };
   try {
-    for (let again = 0; again < 30; again++) {   // why takes longer than what: it is asked for until it is known
+    for (let again = 0; again < 120; again++) {   // why takes longer than what: it is asked for until it is known
       const reply = await server.ask(question);
       if (again && !asked.open) return;
       asked.show(reply);
