@@ -232,6 +232,7 @@ class Session:
 
     def command(self, command: WalkCommand) -> dict[str, Any]:
         """Do what is said about walks; the reply. Raises ParameterError where there is no walk to replay."""
+        self._shown_still = False  # the next frame says what is played and recorded
         match command.do:
             case "record":
                 self.recording = Recording()
