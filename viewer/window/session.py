@@ -36,6 +36,8 @@ _TOUR = 600.0
 """Metres of a tour."""
 _ABOVE = 1.0
 """Metres above and below a cell's eyes at which a viewer counts as outside of it."""
+_AGAIN = 0.2
+"""Seconds after a frame that failed until somebody who moves on is drawn again."""
 _FIRST = 1.0 / 60.0
 """Seconds that pass before the first frame after a time without any."""
 
@@ -99,9 +101,10 @@ class Session:
 
     def due_at(self, now: float) -> float | None:
         """When there will be something new to see without any more mail; None for never."""
-        if self.failed:
-            return None
         held = self.mail.held
+        if self.failed:  # who stands would see the same error again; who moves comes to where there is none
+            moves = self.playing is not None or self.walker.moves or not held.nothing
+            return self._last + _AGAIN if moves and self._last is not None else None
         if (
             self.number == 0
             or self.playing is not None

@@ -15,6 +15,7 @@ from mmi.dataset.reading import open_dataset
 from mmi.foundation.errors import DatasetError, ParameterError
 from mmi.walks.walk import Pose
 from viewer.window.commands import AskMap, Film, GoTo, Held, Input, LookChange, Pick, PutAt, Save, Size, WalkCommand
+from viewer.window.composing import Pictures
 from viewer.window.session import Session
 from viewer.window.studio import Studio, StudioClosedError, StudioFullError, StudioOptions
 
@@ -185,6 +186,24 @@ def test_an_error_in_a_frame_is_told_and_the_session_goes_on(studio, join, monke
     monkeypatch.undo()
     studio.tell(client, Input(2, Held(), (0.5, 0.0)))
     assert waiting.result(LONG).header["seq"] == 2
+
+
+def test_who_walks_on_is_drawn_again_after_an_error(studio, join, monkeypatch):
+    """A key that is held on is no news, and a tour that goes on is none: neither ever passed a damaged cell."""
+    client = join("a")
+    _, waiting = settled(studio, client)
+
+    def failing(*_):
+        raise RuntimeError("the sky falls")
+
+    monkeypatch.setattr(Pictures, "draw", failing)
+    studio.tell(client, Input(1, Held(forward=1.0)))
+    for _ in range(3):
+        with pytest.raises(RuntimeError, match="the sky falls"):
+            waiting.result(LONG)
+        waiting = studio.ask(client)
+    monkeypatch.undo()
+    assert waiting.result(LONG).header["seq"] == 1
 
 
 def test_a_saved_picture_is_the_one_that_is_shown(studio, join):

@@ -101,7 +101,7 @@ export function panel({ change, note, download, copyLink, ask, send, save, scale
     const promised = header.promised_px?.thickness ?? null, found = header.worst;
     const whole = hello?.promise_px?.thickness ?? null;
     let text = promised === null ? "Nothing is promised for this view." : `Promised here: no wrong region is thicker than ${px(promised)}.`;
-    if (promised === null && whole === null) text = "Not every cell of this dataset could promise a bound.";
+    if (promised === null && whole === null) text = "Nothing is promised for this view: not every cell of this dataset could promise a bound.";
     if (look().worst) {
       if (found?.why) text = found.why;
       if (!header.still) text += " Stand still to have the worst region measured.";
