@@ -199,6 +199,24 @@ def test_thumbs_walk_and_look_on_a_tablet(browser, address):
         assert page.locator("#stick").is_hidden()
 
 
+def test_on_a_tablet_the_hint_does_not_cover_what_was_asked(browser, address):
+    with a_page(browser, address, size=(1024, 700), touch=True) as page:
+        until(page, FIRST)
+        assert page.locator("#hint").is_visible()
+        page.touchscreen.tap(600, 300)
+        until(page, "!document.getElementById('card').hidden")
+        assert page.evaluate(
+            """() => {
+                const box = document.getElementById("card-title").getBoundingClientRect();
+                const top = document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2);
+                return document.getElementById("card").contains(top);
+            }"""
+        )
+        assert not page.locator("#hint").is_visible()
+        page.locator("#card-close").tap()
+        assert page.locator("#hint").is_visible()
+
+
 def test_the_map_is_clicked_to_go_somewhere(page):
     before = settled(page)["pose"]
     box = page.locator("#map-picture").bounding_box()

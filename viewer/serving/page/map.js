@@ -199,7 +199,9 @@ export function map(box, canvas, key, { go, ask }) {
       wake();
     },
     city(reply) {
+      const first = city === null;
       city = { ...read(reply), number: number++ };
+      if (first && city.whole) view.scale = Math.max(view.scale, Math.min(4, (0.7 * canvas.clientHeight) / extent(city)));
       asked = (header?.pose ?? hello?.pose ?? [0, 0]).slice(0, 2);
       key.replaceChildren(entry(HERE, "cell that you are in"), entry(CELL, "other cells"), entry(NEAR, "near: geometry"), ...(hello?.layers ?? []).slice(0, 8).map((layer) => entry(layerColor(layer), `layer ${layer}`)), entry(UNSEEN, "cannot be seen from here"), entry("#ff6b6b", "where you walked"));
       wake();
@@ -227,6 +229,14 @@ export function map(box, canvas, key, { go, ask }) {
     grow,
     shrink() { if (box.classList.contains("large")) grow(); },
   };
+}
+
+/** Metres from end to end of a city's buildings and cells. */
+function extent({ footprints, cells }) {
+  const boxes = [...footprints.map((one) => one.box), ...cells.map(({ axis: [[x0, y0], [x1, y1]] }) => [Math.min(x0, x1), Math.min(y0, y1), Math.max(x0, x1), Math.max(y0, y1)])];
+  let [left, low, right, high] = [Infinity, Infinity, -Infinity, -Infinity];
+  for (const box of boxes) [left, low, right, high] = [Math.min(left, box[0]), Math.min(low, box[1]), Math.max(right, box[2]), Math.max(high, box[3])];
+  return Math.max(right - left, high - low, 1);
 }
 
 /** The city of a reply: footprints with their boxes, cells, and of each cell what is near and in which layer things are. */
