@@ -34,6 +34,8 @@ from mmi.reading.report import Ledger
 __all__ = ["read_obj"]
 
 _NOTHING = -1
+_ENDLESS = 1 << 40
+"""No file has so many points."""
 # Options of a map in a .mtl -> the most arguments that they take.
 _MAP_OPTIONS = (
     (b"-blendu", 1), (b"-blendv", 1), (b"-bm", 1), (b"-boost", 1), (b"-cc", 1), (b"-clamp", 1), (b"-imfchan", 1), (b"-mm", 2),
@@ -181,7 +183,7 @@ def _are_bytes(colors: NDArray[np.float64]) -> bool:
 
 def _place(index: int, count: int) -> int:
     """From OBJ's 1, 2, ... and -1 (the last so far), -2, ... to 0, 1, ..."""
-    if index == 0 or index < -count:
+    if index == 0 or not -count <= index < _ENDLESS:
         raise ValueError(f"no element {index} among {count}")
     return index - 1 if index > 0 else count + index
 

@@ -169,6 +169,7 @@ def test_mtl_files_outside_the_folder_are_refused(tmp_path):
         ("f 1 x 2", "line: no OBJ"),
         ("f 1 0 2", "line: no OBJ"),
         ("f 1 -99 2", "line: no OBJ"),
+        ("f 1 2 99999999999999999999", "line: no OBJ"),
         ("vt u 0", "line: no OBJ"),
         ("f 1 2 99", "face: points that are not in the file"),
         ("f 1/1 2/9 3/1", "face: texture coordinates that are not in the file"),
