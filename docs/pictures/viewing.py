@@ -2,7 +2,8 @@
 
 python docs/pictures/viewing.py OUT FOLDER [PART ...]
 
-Parts: swipe, wrong, layers, freeze, card, map, film. OUT is the dataset that scripts/demo builds.
+Parts: swipe, wrong, layers, side, difference, depth, objects, freeze, card, map, film; all of them by default.
+OUT is the dataset that scripts/demo builds.
 """
 
 import io
@@ -105,6 +106,10 @@ def main(dataset: str, folder: str, *parts: str) -> None:
                 "swipe": lambda: shown(page, address, pose, {"right": "multi-mesh"}),
                 "wrong": lambda: shown(page, address, pose, {"mode": "wrong", "worst": True}, wait=5.0),
                 "layers": lambda: shown(page, address, pose, {"mode": "one", "show": "layers", "wireframe": True}),
+                "side": lambda: shown(page, address, pose, {"mode": "side", "left": "local"}),
+                "difference": lambda: shown(page, address, pose, {"mode": "difference"}),
+                "depth": lambda: shown(page, address, pose, {"mode": "one", "show": "depth"}),
+                "objects": lambda: shown(page, address, pose, {"mode": "one", "show": "objects"}),
                 "freeze": lambda: frozen(page, address, pose, above),
                 "card": lambda: asked(page, address, pose),
                 "map": lambda: mapped(page, address, pose),
