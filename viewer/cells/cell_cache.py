@@ -55,8 +55,8 @@ class CellCache:
     """Cells in memory: what is needed, and of the rest as much as fits into ``capacity`` bytes. Use as a context manager.
 
     ``load`` reads a cell and runs in the background thread; what it raises is raised again by all later calls here, until
-    :meth:`recover`. Between
-    pieces of its work it calls what it gets as second argument, which lets it rest unless a cell is waited for.
+    :meth:`recover`. Between pieces of its work it calls what it gets as second argument, which lets it rest unless a cell is
+    waited for.
     ``size`` foretells what a cell takes.
     """
 

@@ -123,7 +123,10 @@ def compare_views(
             for entry in compared:
                 technique = make_technique(entry, scenes, frames=options.mover_frames, at=options.movers_time)
                 with held_again(technique, renderer, cache, view, held[entry.name][done]) as plans:
-                    plan, after = alike_after(plans, renderer, view, truth[0])
+                    held_longer = options.settle > 1  # otherwise nobody is told after how many frames
+                    plan, after = (
+                        alike_after(plans, renderer, view, truth[0]) if held_longer else (next(plans)[0], None)
+                    )
                     alike[entry.name].append(after)
                     judge.score(entry.name, plan, pose, truth, cell=cell)
         tell(views, views, "views scored")

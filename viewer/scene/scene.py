@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mmi.appearance.city_mesh import CityMesh, object_boxes
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.cells.whereabouts import Whereabouts
+from mmi.city.model import City
 from mmi.city.terrain import Terrain
 from mmi.dataset.city_files import read_city_mesh
 from mmi.dataset.reading import Dataset
@@ -119,12 +120,18 @@ class WalkScene:
 
 
 def open_scene(
-    dataset: Dataset, *, name: str, like: WalkScene | None = None, movers: Movers = NOTHING_MOVES
+    dataset: Dataset,
+    *,
+    name: str,
+    like: WalkScene | None = None,
+    movers: Movers = NOTHING_MOVES,
+    city: City | None = None,
 ) -> WalkScene:
     """Open a dataset for walking; ``like`` is one of the same city whose geometry is there already, and whose movers.
 
-    ``movers`` are put into the frame of the city. Raises DatasetError where the dataset has no cells, a file is missing or
-    damaged, or ``like`` shows another city; ParameterError where the movers are in another coordinate system.
+    ``movers`` are put into the frame of the city, which is ``city`` where somebody has read that already. Raises DatasetError
+    where the dataset has no cells, a file is missing or damaged, or ``like`` shows another city; ParameterError where the movers
+    are in another coordinate system.
     """
     manifest = dataset.manifest
     if not manifest.cells:
@@ -134,7 +141,7 @@ def open_scene(
     mesh, ground = (like.mesh, like.ground) if like is not None else read_city_mesh(dataset)
     cells = tuple(entry.viewing_cell for entry in manifest.cells)
     if like is None:
-        city = dataset.city()
+        city = dataset.city() if city is None else city
         terrain, objects = city.terrain, city.index()
         movers = movers.in_frame(crs=manifest.city.crs, origin=manifest.city.origin)
         skyline = skyline_of(city) if movers.ids else None

@@ -14,6 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from mmi.city.model import City
 from mmi.foundation.errors import ParameterError
 from viewer.scene.scene import WalkScene
 from viewer.window.answers.background import Background
@@ -49,8 +50,8 @@ class _Job:
 class Answers:
     """Answers the clients of a studio. Films go into the folder ``films``, or one of their own that vanishes on closing."""
 
-    def __init__(self, scene: WalkScene, stage: Stage, streets: Streets, *, films: Path | None) -> None:
-        self._scene, self._stage, self._streets = scene, stage, streets
+    def __init__(self, scene: WalkScene, city: City, stage: Stage, streets: Streets, *, films: Path | None) -> None:
+        self._scene, self._city, self._stage, self._streets = scene, city, stage, streets
         self._picker = Picker(scene)
         self._films = films
         self._own_films: TemporaryDirectory[str] | None = None
@@ -119,7 +120,7 @@ class Answers:
     def _told_map(self, around: tuple[float, float]) -> dict[str, Any]:
         """In the background, since a large city takes a while."""
         if self._map is None:
-            self._map = CityMap(self._scene, self._scene.dataset.city())
+            self._map = CityMap(self._scene, self._city)
         return {"type": "map", **self._map.told(around)}
 
     def _begin_film(self, session: Session, mail: Mail, future: Future[dict[str, Any]], told: Told | None) -> None:

@@ -16,6 +16,7 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
+from mmi.city.model import City
 from mmi.foundation.camera import Camera, View
 from mmi.foundation.errors import DatasetError
 from mmi.walks.walk import Pose, Walk
@@ -259,11 +260,11 @@ class Painting:
 
 
 class Streets:
-    """What a viewer walks on and against in a scene, and where its nearest street is."""
+    """What a viewer walks on and against in a scene, whose ``city`` it is, and where its nearest street is."""
 
-    def __init__(self, scene: WalkScene) -> None:
+    def __init__(self, scene: WalkScene, city: City) -> None:
         self._scene = scene
-        self.walls: Walls = walls_of(scene.dataset.city())
+        self.walls: Walls = walls_of(city)
 
     def ground(self, point: tuple[float, float]) -> float:
         """The height of the ground, metres."""

@@ -76,13 +76,14 @@ class Studio:
             raise ParameterError(
                 f"{dataset}: a dataset of several layers expected, found one built with --layering single"
             )
-        self.scene: WalkScene = open_scene(found, name=MAIN)
+        city = found.city()
+        self.scene: WalkScene = open_scene(found, name=MAIN, city=city)
         scenes = {MAIN: self.scene}
         if self.options.single_mesh is not None:
             scenes[SINGLE] = open_scene(open_dataset(self.options.single_mesh), name=SINGLE, like=self.scene)
-        self._streets = Streets(self.scene)
+        self._streets = Streets(self.scene, city)
         self._stage = Stage(scenes, capacity=self.options.cache, samples=self.options.samples)
-        self._answers = Answers(self.scene, self._stage, self._streets, films=self.options.films)
+        self._answers = Answers(self.scene, city, self._stage, self._streets, films=self.options.films)
         self._lock = threading.Condition()
         self._seats: dict[str, _Seat] = {}
         self._gone: list[Session] = []

@@ -18,7 +18,7 @@ def stage(scene):
 
 @pytest.fixture(scope="session")
 def streets(scene):
-    return Streets(scene)
+    return Streets(scene, scene.dataset.city())
 
 
 @pytest.fixture
