@@ -130,8 +130,8 @@ def open_scene(
     """Open a dataset for walking; ``like`` is one of the same city whose geometry is there already, and whose movers.
 
     ``movers`` are put into the frame of the city, which is ``city`` where somebody has read that already. Raises DatasetError
-    where the dataset has no cells, a file is missing or damaged, or ``like`` shows another city; ParameterError where the movers
-    are in another coordinate system.
+    where the dataset has no cells, a file is missing or damaged, or ``like`` shows another city; ParameterError
+    where the movers are in another coordinate system.
     """
     manifest = dataset.manifest
     if not manifest.cells:
