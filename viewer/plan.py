@@ -3,7 +3,8 @@
     Technique.plan(view, now, budget) -> Plan
     Plan    = what must be in memory, what to capture into images first, what to draw then, perhaps over what was drawn before
     Request = draws into an image that stays on the GPU under its key; orders: all are executed, in order, before any draw
-    Draw    = Sky | Ground | Objects | CellLayers | Relief | Moving    (closed; ``viewer.drawing.renderer`` draws each kind)
+    Draw    = Sky | Ground | Objects | CellLayers | Relief | Moving | CastPixels    (closed; ``viewer.drawing.renderer``)
+    finish  = what a plan does once it knows the depths of what was drawn: it returns further draws
 
 Techniques, walks and the choice of what to load and to capture are plain Python and run without OpenGL. A technique knows
 nothing but the views and the budgets that it was given, in order, and a budget is plain data: the same walk with the same
@@ -13,7 +14,7 @@ budgets, those of a recording say, gives the same plans.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
@@ -23,13 +24,16 @@ from numpy.typing import NDArray
 from mmi.foundation.camera import View
 
 __all__ = [
+    "CAST_PIXEL",
     "RELIEF_QUAD",
     "Budget",
+    "CastPixels",
     "CellKey",
     "CellLayers",
     "Costs",
     "Done",
     "Draw",
+    "Finish",
     "Ground",
     "ImageKey",
     "Moving",
@@ -47,6 +51,19 @@ __all__ = [
 
 RELIEF_QUAD = 16
 """Texels from node to node of a relief's grid: smaller quads cost more to draw than they gain."""
+
+
+CAST_PIXEL = np.dtype(
+    [
+        ("pixel", "<u2", 2),
+        ("depth", "<f4"),
+        ("uv", "<f4", 2),
+        ("level", "<f4"),
+        ("tint", "u1", 4),
+        ("object", "<i4"),
+    ]
+)
+"""One pixel of :class:`CastPixels`, as it goes to the GPU."""
 
 
 class CellKey(NamedTuple):
@@ -158,7 +175,20 @@ class Moving:
     poses: NDArray[np.float64]
 
 
-Draw = Sky | Ground | Objects | CellLayers | Relief | Moving
+@dataclass(frozen=True, slots=True, eq=False)
+class CastPixels:
+    """Single pixels whose surfaces a technique has found itself, by rays for instance; the renderer gives them their colours.
+
+    ``samples`` (n,) of ``CAST_PIXEL``: ``pixel``, column and row in the view's window; ``depth`` along the view's axis, metres,
+    which composes them with all else; texture coordinates ``uv`` in the city's texture, and the mipmap ``level`` at which it
+    is sampled; ``tint`` multiplies that; ``object`` of the city. ``fresh``: they were found in this frame.
+    """
+
+    samples: NDArray[np.void]
+    fresh: bool = False
+
+
+Draw = Sky | Ground | Objects | CellLayers | Relief | Moving | CastPixels
 """What a plan is made of: a closed union, of which the renderer draws each kind."""
 
 
@@ -190,6 +220,12 @@ class Request:
         return self.view.window[2] * self.view.window[3]
 
 
+Finish = Callable[[NDArray[np.float32], int], tuple[Draw, ...]]
+"""What a plan does with the depths (h, w), metres along the view's axis and infinite for sky, of what its draws have shown: it
+returns what is drawn over that. Where a frame takes some of the view's columns only, the second number is the first of them.
+"""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
     """One frame.
@@ -197,7 +233,8 @@ class Plan:
     ``drops`` are images that are not needed any more; then ``requests`` are executed, in order. ``draws`` in order: what is
     likely to hide the rest first. ``place`` is the cell that the viewer is in. The layers of ``cells`` must be in memory for
     it, ``ahead`` are cells worth loading next, most urgent first. Where ``mix`` is below 1, the picture of ``fading`` is mixed
-    in: ``mix`` of draws, 1 - ``mix`` of fading.
+    in: ``mix`` of draws, 1 - ``mix`` of fading. ``finish`` is asked for further draws when ``draws`` have been drawn, and again
+    where a plan is drawn again.
     """
 
     draws: tuple[Draw, ...]
@@ -208,9 +245,10 @@ class Plan:
     mix: float = 1.0
     requests: tuple[Request, ...] = ()
     drops: tuple[ImageKey, ...] = ()
+    finish: Finish | None = None
 
     def same_as(self, other: Plan) -> bool:
-        """Whether both say the same (sets of objects by their key): for replayed walks."""
+        """Whether both say the same (sets of objects by their key), what they finish with aside: for replayed walks."""
         return _told(self) == _told(other)
 
 
@@ -229,10 +267,11 @@ class Work(NamedTuple):
 
 
 class Done(NamedTuple):
-    """What a frame's ``requests`` and its ``draws`` took, apart from each other."""
+    """What a frame's ``requests`` and its ``draws`` took, apart from each other, and the seconds that it took to ``finish``."""
 
     requests: Work = Work()
     draws: Work = Work()
+    finish: float = 0.0
 
 
 class Costs(NamedTuple):
@@ -310,6 +349,8 @@ def _told_draw(draw: Draw) -> object:
                 for one in draw.parts
             ]
             return "relief", draw.image, parts
+        case CastPixels():
+            return "cast", draw.samples.tobytes()
         case Moving():
             return "moving", draw.which.tobytes(), draw.poses.tobytes()
         case _:

@@ -24,11 +24,12 @@ import numpy as np
 
 from mmi.foundation.camera import View
 
-__all__ = ["MODES", "SCREEN_VERTEX", "Program", "Programs"]
+__all__ = ["FAR", "MODES", "NEAR", "SCREEN_VERTEX", "Program", "Programs"]
 
 MODES = (False, True)
 """Kinds of pictures: those that are not measured, and those that are."""
-_NEAR, _FAR = 0.1, 20_000.0
+NEAR, FAR = 0.1, 20_000.0
+"""Metres along the axis between which things are drawn."""
 _SAMPLE_ALPHA_TO_COVERAGE = 0x809E
 _TEXTURE_UNITS = ("picture", "depths", "ids", "parts")
 """Names of samplers. The place of a name in this list is its texture unit."""
@@ -157,7 +158,7 @@ class Programs:
             "eye_from_world": np.ascontiguousarray(view.eye_from_world[:3, :3].T, dtype="f4").tobytes(),
             "eye": view.eye.astype("f4").tobytes(),
             "projection": np.array(projection, dtype="f4").tobytes(),
-            "clip": np.array([_NEAR, _FAR], dtype="f4").tobytes(),
+            "clip": np.array([NEAR, FAR], dtype="f4").tobytes(),
         }
         self._told[measured] = values
         for program in self._made[measured]:

@@ -24,6 +24,7 @@ from viewer.cells.loaded_cell import LoadedCell, LoadedLayer
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.fade import Fade
 from viewer.drawing.images import CapturedPixels, Images
+from viewer.drawing.kinds.cast_pixels import CastPixelsDrawer
 from viewer.drawing.kinds.ground import GroundDrawer
 from viewer.drawing.kinds.layers import LayersDrawer
 from viewer.drawing.kinds.lines import LineProgram
@@ -38,10 +39,12 @@ from viewer.drawing.style import CAPTURED, CAPTURED_LINES, PLAIN, REUSED, REUSED
 from viewer.drawing.targets import Targets
 from viewer.drawing.thread_turns import turns_after
 from viewer.plan import (
+    CastPixels,
     CellKey,
     CellLayers,
     Done,
     Draw,
+    Finish,
     Ground,
     ImageKey,
     Moving,
@@ -121,6 +124,7 @@ class Renderer:
         self._objects = ObjectsDrawer(context, shining, mesh)
         self._layers = LayersDrawer(self._programs, self._images, measured=measured)
         self._reliefs = ReliefsDrawer(self._programs, self._images)
+        self._cast = CastPixelsDrawer(self._programs, self._objects.texture)
         self._moving = MovingDrawer(
             self._programs, NOTHING_MOVES if movers is None else movers, first=len(mesh.triangle_counts)
         )
@@ -206,7 +210,7 @@ class Renderer:
             with self._timer:
                 captured = self._execute(plan)
                 shown = narrowed(plan, style)
-                counts = self._draw(shown, view, measured, style)
+                counts, finishing = self._draw(shown, view, measured, style)
             with turns_after(_SWITCH_INTERVAL):
                 self._finish()
             seconds = time.perf_counter() - start
@@ -215,7 +219,7 @@ class Renderer:
             ids, depth, displacement = self._targets.measures() if measured else (None, None, None)
             gpu = gpu_seconds(self._timer.elapsed, seconds=seconds, device=self.device)
             relief = _relief(shown.draws) + (_relief(shown.fading) if plan.mix < 1.0 else 0)
-            drawn = Work(seconds - captured.seconds, sum(counts), len(counts), relief=relief)
+            drawn = Work(seconds - captured.seconds - finishing, sum(counts), len(counts), relief=relief)
             return DrawnPicture(
                 color=color,
                 object_ids=ids,
@@ -225,7 +229,7 @@ class Renderer:
                 gpu_seconds=gpu,
                 triangles=captured.triangles + drawn.triangles,
                 draws=captured.draws + drawn.draws,
-                done=Done(captured, drawn),
+                done=Done(captured, drawn, finishing),
             )
 
     def prepare(self, plan: Plan, view: View) -> float:
@@ -286,27 +290,40 @@ class Renderer:
         finally:
             self._images.end()
 
-    def _draw(self, plan: Plan, view: View, measured: bool, style: Style) -> list[int]:
-        """The triangles of each call that was sent."""
+    def _draw(self, plan: Plan, view: View, measured: bool, style: Style) -> tuple[list[int], float]:
+        """The triangles of each call that was sent, and the seconds that it took to finish the plan."""
         if plan.mix >= 1.0:
-            return self._paint(plan.draws, view, measured, style, plan.requests)
-        before = self._paint(plan.fading, view, measured, style, plan.requests)
+            return self._paint(plan.draws, plan.finish, view, measured, style, plan.requests)
+        before, _ = self._paint(plan.fading, None, view, measured, style, plan.requests)
         self._fade.keep(self._targets, measured=measured)
-        now = self._paint(plan.draws, view, measured, style, plan.requests)
-        return [*before, *now, *self._fade.mix(self._targets, 1.0 - plan.mix, measured=measured)]
+        now, finishing = self._paint(plan.draws, plan.finish, view, measured, style, plan.requests)
+        return [*before, *now, *self._fade.mix(self._targets, 1.0 - plan.mix, measured=measured)], finishing
 
     def _paint(
-        self, draws: Sequence[Draw], view: View, measured: bool, style: Style, requests: Sequence[Request]
-    ) -> list[int]:
-        """Draw into the target; the triangles of each call, lines aside."""
+        self,
+        draws: Sequence[Draw],
+        finish: Finish | None,
+        view: View,
+        measured: bool,
+        style: Style,
+        requests: Sequence[Request],
+    ) -> tuple[list[int], float]:
+        """Draw into the target, and finish; the triangles of each call, lines aside, and the seconds that finishing took."""
         self._targets.clear(measured=measured)
         self._programs.look_through(view, measured=measured)
         counts = [count for draw in draws for count in self._paint_one(draw, view, measured, style, requests)]
+        finishing = 0.0
+        if finish is not None:
+            depths = self._targets.depths(measured=measured)  # waits for what was drawn
+            start = time.perf_counter()
+            more = finish(depths, self._targets.first_column)
+            finishing = time.perf_counter() - start
+            counts += [count for draw in more for count in self._paint_one(draw, view, measured, style, requests)]
         if style.wireframe:
             with self._line.over(self._targets, measured=measured):
                 for draw in draws:
                     self._paint_lines(draw, view, measured, requests)
-        return counts
+        return counts, finishing
 
     def _paint_one(
         self, draw: Draw, view: View, measured: bool, style: Style, requests: Sequence[Request]
@@ -329,6 +346,9 @@ class Renderer:
                 return self._reliefs.draw(draw, view, measured=measured)
             case Moving():
                 return self._moving.draw(draw, view, measured=measured)
+            case CastPixels():
+                ink = None if not style.tint else CAPTURED if draw.fresh else REUSED
+                return self._cast.draw(draw, view.window[2:], measured=measured, ink=ink)
             case _:
                 assert_never(draw)
 

@@ -81,11 +81,12 @@ def narrowed(plan: Plan, style: Style) -> Plan:
     """The plan with only what ``style`` leaves of its draws; requests stay.
 
     Of what was captured, pictures of one layer stay with that layer; pictures of all layers (a viewer who stands still has
-    one) are left out.
+    one) are left out, and so is what a plan finishes with.
     """
     if style.alone is None:
         return plan
-    return replace(plan, draws=_narrowed(plan.draws, style.alone), fading=_narrowed(plan.fading, style.alone))
+    some, before = _narrowed(plan.draws, style.alone), _narrowed(plan.fading, style.alone)
+    return replace(plan, draws=some, fading=before, finish=None)
 
 
 def fresh_parts(relief: Relief, requests: Iterable[Request]) -> tuple[Relief, Relief]:

@@ -12,12 +12,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from viewer.drawing.programs import Programs
+from viewer.drawing.programs import FAR, NEAR, Programs
 
 __all__ = ["Measures", "Targets"]
 
 _SKY_DEPTH = 1e29
 """Metres from which on a depth stands for the sky's."""
+_SKY_SHARE = 1.0 - 2.0**-23
+"""The sky is drawn this far behind (``viewer.drawing.programs.SCREEN_VERTEX``), as a share of the depth buffer's range."""
 
 
 class Measures(NamedTuple):
@@ -39,6 +41,7 @@ class Targets:
         self._whole: dict[bool, Any] = {}
         self._colors: dict[bool, Any] = {}
         self._lines: dict[bool, Any] = {}
+        self._probe: Any = None
         self._make(measured=False)
         self.resolved: Any = self._context.texture(size, 4)
         """Colours without samples, after :meth:`resolve`."""
@@ -51,6 +54,9 @@ class Targets:
                 part.release()
         for thing in (*self._colors.values(), *self._lines.values(), self._resolving, self.resolved):
             thing.release()
+        if self._probe is not None:
+            for part in (*self._probe.color_attachments, self._probe.depth_attachment, self._probe):
+                part.release()
 
     def limit(self, columns: tuple[int, int] | None) -> None:
         """From now on draw and read only columns from the first to before the second, or all of them (None)."""
@@ -62,6 +68,11 @@ class Targets:
         self._columns = (first, end)
         for target in (*self._whole.values(), *self._colors.values(), *self._lines.values()):
             target.scissor = self._scissor
+
+    @property
+    def first_column(self) -> int:
+        """The first of the columns that are drawn."""
+        return self._columns[0]
 
     def clear(self, *, measured: bool) -> None:
         """Begin a picture."""
@@ -99,6 +110,23 @@ class Targets:
             return np.ascontiguousarray(found)
         into[...] = found
         return into
+
+    def depths(self, *, measured: bool) -> NDArray[np.float32]:
+        """(h, w) metres along the axis to what was drawn so far, as exact as the depth buffer, infinite for sky; top row first.
+
+        Of a multisampled picture, those of one sample a pixel.
+        """
+        source = self._whole[measured]
+        if self._programs.smooth(measured):
+            if self._probe is None:
+                self._probe = self._context.framebuffer(
+                    [self._context.renderbuffer(self.size, 4)], self._context.depth_renderbuffer(self.size)
+                )
+            self._context.copy_framebuffer(self._probe, source)
+            source = self._probe
+        found = _along_axis(self._read(source, -1, 1, "f4"), NEAR, FAR)
+        self._whole[measured].use()
+        return found
 
     def measures(self) -> Measures:
         """What the measured picture says besides colours, the top row first."""
@@ -154,3 +182,15 @@ def _surfaces(surface: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArra
             depth[i, j] = np.inf if surface[i, j, 0] > _SKY_DEPTH else surface[i, j, 0]
             displacement[i, j] = np.nan if surface[i, j, 1] < 0.0 else surface[i, j, 1]
     return depth, displacement
+
+
+@njit(cache=True, nogil=True)
+def _along_axis(buffer: NDArray[np.float32], near: float, far: float) -> NDArray[np.float32]:
+    """(h, w) metres along the axis of what a depth buffer holds; infinite where nothing, or only sky, was drawn."""
+    height, width = buffer.shape
+    found = np.empty((height, width), np.float32)
+    for i in range(height):
+        for j in range(width):
+            share = buffer[i, j]
+            found[i, j] = np.inf if share >= _SKY_SHARE else near * far / (far - share * (far - near))
+    return found

@@ -92,7 +92,8 @@ def hold_view(
         plan = technique.plan(view, now=time, budget=budget)
         planning = clock.perf_counter() - start
         _load(cache, plan)
-        picture = _typical(renderer.draw(plan, view, read=False) for _ in range(_TIMINGS if frames == 1 else 1))
+        again = _TIMINGS if frames == 1 and plan.finish is None else 1  # finishing is over when it was done once
+        picture = _typical(renderer.draw(plan, view, read=False) for _ in range(again))
         planning = planning if number else 0.0
         found.append(HeldFrame(time, budget, planning + picture.seconds, picture.gpu_seconds, picture.done))
         plans.append(plan)
@@ -120,7 +121,9 @@ def held_again(
             plans.append(plan)
             _load(cache, plan)
             renderer.execute(plan)
-            yield replace(plan, requests=(), drops=()), bool(plan.requests)
+            yield replace(plan, requests=(), drops=()), bool(plan.requests) or plan.finish is not None
+            if plan.finish is not None and frame is not held.frames[-1]:
+                renderer.draw(replace(plan, requests=(), drops=()), view, read=False)  # the next goes on from there
 
     try:
         yield again()

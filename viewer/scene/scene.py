@@ -6,7 +6,7 @@ All of it comes from the manifest and the files that cells share; the cells' own
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from mmi.planning.parameters import BuildParameters
 from viewer.plan import Ground
 from viewer.scene.frustum import box_corners, window_corners, within_view
 from viewer.scene.skyline import Skyline, skyline_of
+from viewer.scene.workshop import Workshop
 
 __all__ = ["CellContents", "WalkScene", "open_scene"]
 
@@ -56,7 +57,8 @@ class WalkScene:
     """What techniques know of a dataset. ``name`` stands for it in plans; ``objects`` maps ids to places in ``mesh``.
 
     ``boxes`` (n, 2, 3) are the lowest and the highest coordinates of the mesh's objects, NaN for one without triangles.
-    ``movers`` are what moves in the city, in its frame; where there are any, ``skyline`` is what hides them.
+    ``movers`` are what moves in the city, in its frame; where there are any, ``skyline`` is what hides them. ``workshop`` keeps
+    what techniques make once of the scene.
     """
 
     name: str
@@ -72,6 +74,7 @@ class WalkScene:
     objects: Mapping[str, int]
     movers: Movers = NOTHING_MOVES
     skyline: Skyline | None = None
+    workshop: Workshop = field(default_factory=Workshop)
 
     @property
     def camera(self) -> Camera:

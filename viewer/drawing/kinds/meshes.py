@@ -114,7 +114,8 @@ class DrawnMesh:
         vertices["color"][:, :3], vertices["object"] = mesh.colors, ids
         self._vertices = context.buffer(vertices.tobytes())
         texture = np.dstack([mesh.texture, glass_of(mesh.texture)]) if program.glint else mesh.texture
-        self._texture = self._upload_texture(texture)
+        self.texture = self._upload_texture(texture)
+        """With mipmaps; it repeats."""
         self._sets: dict[object, Triangles] = {}
         self._held = 0
 
@@ -124,7 +125,7 @@ class DrawnMesh:
         """
         some = self._kept(key, objects) if key != "" else self._triangles(triangles_of(self._mesh, objects))
         if some.count:
-            self._texture.use(0)
+            self.texture.use(0)
             some.arrays[measured].render()
         if key == "":
             some.release()

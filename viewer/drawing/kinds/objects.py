@@ -22,6 +22,11 @@ class ObjectsDrawer:
         owners = np.repeat(np.arange(len(mesh.triangle_counts)), np.diff(mesh.object_vertices))
         self._mesh = DrawnMesh(context, program, mesh, owners)
 
+    @property
+    def texture(self) -> Any:  # noqa: ANN401
+        """The city's texture, for others that show its surfaces."""
+        return self._mesh.texture
+
     def draw(self, draw: Objects, *, measured: bool) -> list[int]:
         """Draw all objects of the set with one call, or none where they have no triangles."""
         return self._mesh.draw(draw.key, draw.objects, measured=measured)

@@ -1,0 +1,81 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mmi.foundation.camera import Camera
+from viewer.casting.panorama import Panorama, store, texel_of
+
+CAMERA = Camera(64, 48, math.radians(60.0))
+NUMBERS = st.floats(-1.0, 1.0)
+
+
+@settings(deadline=None)
+@given(NUMBERS, NUMBERS, NUMBERS)
+def test_every_direction_has_a_texel_that_is_near_it(x, y, z):
+    if math.sqrt(x * x + y * y + z * z) < 1e-3:
+        return
+    texels = Panorama(CAMERA).texels
+    column, row = texel_of(x, y, z, texels.columns, texels.rows, texels.step)
+    assert 0 <= column < texels.columns
+    assert 0 <= row < texels.rows
+    height = (row + 0.5) * texels.step - 0.5 * math.pi
+    assert abs(height - math.atan2(z, math.hypot(x, y))) <= 0.51 * texels.step
+    turn = math.remainder((column + 0.5) * texels.step - math.pi - math.atan2(y, x), 2.0 * math.pi)
+    assert abs(turn) <= 0.51 * texels.step
+
+
+def test_no_two_pixels_of_a_level_view_need_the_same_texel():
+    panorama = Panorama(CAMERA)
+    u = (np.arange(64) - 31.5) / CAMERA.focal
+    columns = [texel_of(1.0, -one, 0.0, *panorama.texels[:3])[0] for one in u]
+    assert len(set(columns)) == len(columns)
+
+
+def test_what_was_cast_is_kept_with_its_record():
+    panorama = Panorama(CAMERA)
+    eye = np.array([10.0, 20.0, 2.0])
+    record = panorama.record_at(eye)
+    directions = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    store(
+        record,
+        eye,
+        directions,
+        np.array([7, -1], dtype=np.int32),
+        np.array([120.0, np.inf], dtype=np.float32),
+        np.array([[0.25, 0.5], [0.0, 0.0]], dtype=np.float32),
+        panorama.texels,
+    )
+    texels = panorama.texels
+    hit, missed = (
+        np.ravel_multi_index(texel_of(*one, *texels[:3])[::-1], (texels.rows, texels.columns)) for one in directions
+    )
+    assert texels.record[[hit, missed]].tolist() == [record, record]
+    assert (texels.record > 0).sum() == 2
+    assert texels.triangle[[hit, missed]].tolist() == [7, -1]
+    assert texels.point[hit].tolist() == [130.0, 20.0, 2.0]
+    assert texels.point[missed].tolist() == [0.0, 1.0, 0.0]
+    assert texels.weights[hit].tolist() == [0.25, 0.5]
+
+
+def test_records_tell_how_far_away_they_are():
+    panorama = Panorama(CAMERA)
+    places = [np.array([float(k), 0.0, 0.0]) for k in range(5)]
+    records = [panorama.record_at(place) for place in places]
+    assert records == [1, 2, 3, 4, 5]
+    assert panorama.record_at(places[2]) == 3, "a place that was there before has its record"
+    away = panorama.distances(np.array([4.0, 3.0, 0.0]))
+    assert np.isinf(away[0])
+    assert away[1:] == pytest.approx([5.0, math.sqrt(18.0), math.sqrt(13.0), math.sqrt(10.0), 3.0])
+
+
+def test_old_records_are_not_shown_again():
+    panorama = Panorama(CAMERA)
+    for k in range(5000):
+        assert panorama.record_at(np.array([float(k), 0.0, 0.0])) == k + 1
+    away = panorama.distances(np.zeros(3))
+    assert len(away) == 5001
+    assert np.isinf(away[:905]).all()
+    assert away[905:] == pytest.approx(np.arange(904.0, 5000.0))

@@ -1,0 +1,65 @@
+import numpy as np
+import pytest
+
+from mmi.foundation.camera import view_towards
+from viewer.casting.open_pixels import rays_of
+from viewer.casting.surfaces import LEVEL_BIAS, cast_pixels, surfaces_of
+
+WINDOW = (-100, -80, 200, 160)
+FOCAL = 170.0
+
+
+def hits_of(mesh, rng, count):
+    """Random points of random triangles: (triangles, weights, points)."""
+    triangles = rng.integers(0, len(mesh.triangles), count).astype(np.int32)
+    corners = mesh.positions[mesh.triangles[triangles]].astype(np.float64)
+    weights = rng.dirichlet(np.ones(3), count)
+    return triangles, weights[:, 1:].astype(np.float32), (weights[:, :, None] * corners).sum(axis=1)
+
+
+def uv_at(mesh, triangle, origin, direction):
+    """Where a ray meets the plane of a triangle, in texture coordinates."""
+    a, b, c = mesh.positions[mesh.triangles[triangle]].astype(np.float64)
+    normal = np.cross(b - a, c - a)
+    point = origin + direction * (normal @ (a - origin)) / (normal @ direction)
+    w, *_ = np.linalg.lstsq(np.stack([b - a, c - a], axis=1), point - a, rcond=None)
+    ua, ub, uc = mesh.uv[mesh.triangles[triangle]].astype(np.float64)
+    return ua + w[0] * (ub - ua) + w[1] * (uc - ua)
+
+
+def test_pixels_have_the_coordinates_tint_and_level_of_their_surface(scene):
+    mesh, rng = scene.mesh, np.random.default_rng(5)
+    view = view_towards(np.array([0.0, 0.0, 1.7]), 0.4, 0.1, focal=FOCAL, window=WINDOW)
+    triangles, weights, points = hits_of(mesh, rng, 400)
+    seen = view.project(points)
+    kept = seen[:, 2] > 1.0
+    triangles, weights, points, seen = triangles[kept], weights[kept], points[kept], seen[kept]
+    assert len(points) > 100
+    rays = rays_of(view)
+    samples = cast_pixels(
+        np.arange(len(points)), 200, 0, triangles, weights, points.astype(np.float32), rays, surfaces_of(mesh)
+    )
+    full = np.column_stack([1.0 - weights.sum(axis=1), weights])
+    corners = mesh.triangles[triangles]
+    assert samples["uv"] == pytest.approx((full[:, :, None] * mesh.uv[corners]).sum(axis=1), abs=1e-5)
+    assert samples["tint"][:, :3] == pytest.approx((full[:, :, None] * mesh.colors[corners]).sum(axis=1), abs=0.51)
+    assert samples["depth"] == pytest.approx(seen[:, 2], rel=1e-5)
+    owners = np.repeat(np.arange(len(mesh.triangle_counts)), mesh.triangle_counts)
+    assert samples["object"].tolist() == owners[triangles].tolist()
+    assert samples["pixel"].tolist() == [[k % 200, k // 200] for k in range(len(points))]
+    height, width = mesh.texture.shape[:2]
+    compared = 0
+    for k, (triangle, (u, v, _)) in enumerate(zip(triangles, seen, strict=True)):
+        a, b, c = mesh.positions[mesh.triangles[triangle]].astype(np.float64)
+        normal, ray = np.cross(b - a, c - a), points[k] - view.eye
+        if abs(normal @ ray) < 0.02 * np.linalg.norm(normal) * np.linalg.norm(ray):
+            continue  # too grazing for differences
+        rays_to = [
+            view.unproject(np.float64(u + du), np.float64(v + dv), np.float64(1.0)) - view.eye
+            for du, dv in ((-0.01, 0.0), (0.01, 0.0), (0.0, -0.01), (0.0, 0.01))
+        ]
+        found = [uv_at(mesh, triangle, view.eye, one) * (width, height) for one in rays_to]
+        longest = max(np.linalg.norm(found[1] - found[0]), np.linalg.norm(found[3] - found[2])) / 0.02
+        assert samples["level"][k] == pytest.approx(np.log2(longest) + LEVEL_BIAS, abs=2e-3)
+        compared += 1
+    assert compared > 80

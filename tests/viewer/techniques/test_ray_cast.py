@@ -1,0 +1,181 @@
+import math
+
+import numpy as np
+import pytest
+
+from mmi.foundation.camera import view_towards
+from viewer.casting.rules import CastRules
+from viewer.drawing.renderer import Renderer
+from viewer.measuring.view_errors import view_errors
+from viewer.plan import Budget, Objects, Plan
+from viewer.techniques.geometry import FullGeometry
+from viewer.techniques.ray_cast import RayCasting
+
+BUDGET = Budget()
+NEAR = 20.0  # much of the crossroads is far
+
+
+@pytest.fixture(scope="module")
+def renderer(scene):
+    camera = scene.camera
+    with Renderer(scene.mesh, scene.ground, size=(camera.width, camera.height), measured=True) as made:
+        yield made
+
+
+def look(scene, x, y, azimuth, pitch=0.0, height=1.7):
+    return view_towards(np.array([x, y, height]), azimuth, pitch, focal=scene.camera.focal, window=scene.camera.window)
+
+
+def drawn(renderer, technique, view, *, measured=True, budget=BUDGET):
+    return renderer.draw(technique.plan(view, now=0.0, budget=budget), view, measured=measured)
+
+
+def errors(scene, renderer, picture, view):
+    truth = drawn(renderer, FullGeometry(scene), view)
+    nowhere = np.zeros(truth.depth.shape, dtype=bool)
+    return view_errors(truth, picture, focal=scene.camera.focal, disoccluded=nowhere, flip=False)
+
+
+VIEWS = [
+    (-140.0, 0.0, 0.0, 0.0, 1.7),
+    (-100.0, 1.0, 0.3, 0.15, 1.7),
+    (100.0, -1.0, math.pi, -0.1, 1.7),
+    (0.0, -120.0, 1.4, 0.05, 1.7),
+    (0.0, 0.0, 2.2, 0.0, 1.7),
+    (-250.0, -250.0, 0.8, -0.3, 90.0),  # from high above, with the whole town far
+]
+
+
+@pytest.mark.parametrize("caster", ["embree", "grid"])
+@pytest.mark.parametrize("where", VIEWS)
+def test_a_picture_with_nothing_cast_yet_is_that_of_the_geometry(scene, renderer, where, caster):
+    view = look(scene, *where)
+    technique = RayCasting(scene, CastRules(near_field=NEAR, caster=caster))
+    picture = drawn(renderer, technique, view)
+    assert technique.latest.rays > 100
+    found = errors(scene, renderer, picture, view)
+    assert found.thickness_px <= 1.0
+    assert found.psnr_db > 45.0
+    truth = drawn(renderer, FullGeometry(scene), view)
+    same = truth.object_ids == picture.object_ids
+    solid = same & (truth.object_ids >= 0)
+    assert picture.depth[solid] == pytest.approx(truth.depth[solid], rel=2e-3)
+
+
+def test_every_pixel_is_counted_once(scene, renderer):
+    technique = RayCasting(scene, CastRules(near_field=NEAR))
+    view = look(scene, *VIEWS[0])
+    for k in range(3):
+        drawn(renderer, technique, view)
+        tally = technique.latest
+        pixels = tally.covered + tally.sky + tally.reused + tally.hit + tally.missed + tally.late + tally.unknown
+        assert pixels == view.window[2] * view.window[3]
+        assert bool(tally.rays) == (k == 0), "who stands still has cast everything at once"
+    assert technique.tally.frames == 3
+
+
+def test_turning_on_the_spot_casts_only_what_comes_into_view(scene, renderer):
+    technique = RayCasting(scene, CastRules(near_field=NEAR))
+    first = look(scene, *VIEWS[0])
+    drawn(renderer, technique, first)
+    whole = technique.latest.rays
+    for turn in (0.05, 0.1, 0.15):
+        drawn(renderer, technique, look(scene, -140.0, 0.0, turn))
+        assert technique.latest.rays < 0.25 * whole
+    drawn(renderer, technique, look(scene, -140.0, 0.0, 0.0))
+    assert technique.latest.rays < 0.02 * whole, "what was seen before is still there"
+
+
+@pytest.mark.parametrize("limit", [2.0, 5.0])
+def test_on_the_way_no_region_is_thicker_than_the_limit_says(scene, renderer, limit):
+    technique = RayCasting(scene, CastRules(near_field=NEAR, limit_px=limit))
+    thickest, reused = 0.0, 0
+    for k in range(120):
+        view = look(scene, -150.0 + 0.03 * k, 0.3 * math.sin(0.1 * k), 0.15 * math.sin(0.07 * k))
+        picture = drawn(renderer, technique, view, measured=k % 4 == 3)
+        reused += technique.latest.reused
+        assert technique.latest.kept_px <= limit
+        assert not technique.latest.late
+        assert not technique.latest.unknown
+        if k % 4 == 3:
+            thickest = max(thickest, errors(scene, renderer, picture, view).thickness_px)
+    assert thickest <= limit + 2.0
+    assert reused > technique.tally.rays
+
+
+def test_a_viewer_who_stops_gets_the_picture_of_the_geometry(scene, renderer):
+    technique = RayCasting(scene, CastRules(near_field=NEAR, limit_px=8.0, settling=500))
+    for k in range(12):
+        drawn(renderer, technique, look(scene, -140.0 + 0.1 * k, 0.0, 0.0), measured=False)
+    view = look(scene, -138.9, 0.0, 0.0)
+    before = None
+    for _ in range(60):
+        picture = drawn(renderer, technique, view)
+        assert technique.latest.rays <= 600 or before is None
+        before = technique.latest
+        if not before.rays:
+            break
+    assert before.rays == 0
+    assert before.kept_px == 0.0
+    assert errors(scene, renderer, picture, view).thickness_px <= 1.0
+
+
+def test_with_few_rays_the_worst_go_first_and_the_report_says_what_was_kept(scene, renderer):
+    technique = RayCasting(scene, CastRules(near_field=NEAR, limit_px=1.0, rays=300))
+    view = look(scene, *VIEWS[0])
+    drawn(renderer, technique, view)
+    first = technique.latest
+    assert first.rays == 300
+    assert first.unknown > 0
+    assert first.kept_px == 0.0
+    left = first.unknown
+    while technique.latest.unknown:
+        drawn(renderer, technique, view)
+        assert technique.latest.unknown < left or not technique.latest.unknown
+        left = technique.latest.unknown
+    drawn(renderer, technique, look(scene, -139.0, 0.0, 0.0))
+    late = technique.latest
+    assert late.rays == 300
+    assert late.late > 0
+    assert late.kept_px > 1.0
+
+
+def test_no_rays_are_cast_where_updates_are_forbidden(scene, renderer):
+    technique = RayCasting(scene, CastRules(near_field=NEAR))
+    drawn(renderer, technique, look(scene, *VIEWS[0]), budget=Budget(updates=0.0))
+    assert technique.latest.rays == 0
+    assert technique.latest.unknown > 100
+
+
+def test_near_geometry_is_what_the_view_may_show(scene):
+    technique = RayCasting(scene, CastRules(near_field=NEAR))
+    plan = technique.plan(look(scene, *VIEWS[0]), now=0.0, budget=BUDGET)
+    near = next(draw for draw in plan.draws if isinstance(draw, Objects))
+    assert 0 < len(near.objects) < len(scene.mesh.triangle_counts)
+    behind = technique.plan(look(scene, -140.0, 0.0, math.pi), now=0.0, budget=BUDGET)
+    other = next(draw for draw in behind.draws if isinstance(draw, Objects))
+    assert near.key != other.key
+
+
+def test_half_of_the_columns_are_as_in_the_whole_picture(scene, renderer):
+    view = look(scene, *VIEWS[1])
+    whole = drawn(renderer, RayCasting(scene, CastRules(near_field=NEAR)), view)
+    plan = RayCasting(scene, CastRules(near_field=NEAR)).plan(view, now=0.0, budget=BUDGET)
+    half = renderer.draw(plan, view, columns=(100, 256))
+    same = (half.color == whole.color[:, 100:]).all(axis=2)
+    assert same.mean() > 0.999
+
+
+def test_a_plan_that_finishes_can_be_multisampled(scene):
+    view = look(scene, *VIEWS[0])
+    camera = scene.camera
+    with Renderer(scene.mesh, scene.ground, size=(camera.width, camera.height), samples=4) as smooth:
+        full = smooth.draw(FullGeometry(scene).plan(view, now=0.0, budget=BUDGET), view)
+        cast = smooth.draw(RayCasting(scene, CastRules(near_field=NEAR)).plan(view, now=0.0, budget=BUDGET), view)
+        bare = smooth.draw(
+            Plan(RayCasting(scene, CastRules(near_field=NEAR)).plan(view, now=0.0, budget=BUDGET).draws), view
+        )
+    off = np.abs(full.color.astype(int) - cast.color).max(axis=2) > 40
+    without = np.abs(full.color.astype(int) - bare.color).max(axis=2) > 40
+    assert off.mean() < 0.03
+    assert off.mean() < 0.2 * without.mean()

@@ -1,0 +1,194 @@
+"""One frame of casting: from the depths of what was drawn to the pixels that complete the picture (paper sections 4.1 and 5.2).
+
+All pixels are classified; those that nothing shows well enough get rays, the worst first where there are more than a frame may
+cast: records by their distance, and of pixels that are equally bad every n-th (paper section 5.2). What stays without a ray is
+shown as it was cast last, or not at all, and counted.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mmi.rays.horizon_map import Horizon
+from viewer.casting.far_field import FarField
+from viewer.casting.open_pixels import CAST, COVERED, REUSED, SKY, TILE, Found, Rays, classify
+from viewer.casting.panorama import Panorama, store
+from viewer.casting.rules import CastRules
+from viewer.casting.surfaces import cast_pixels
+from viewer.plan import CastPixels
+
+__all__ = ["CastTally", "cast_frame", "directions_of", "record_errors", "worst_first"]
+
+
+class CastTally(NamedTuple):
+    """What pixels of ``frames`` were, in all; ``kept_px`` is the largest error in pixels that a pixel was shown with."""
+
+    frames: int = 0
+    covered: int = 0
+    sky: int = 0
+    reused: int = 0
+    hit: int = 0
+    missed: int = 0
+    late: int = 0
+    """Shown although their error was too large, because the frame had no more rays."""
+    unknown: int = 0
+    """Not shown, because nothing was known of them and the frame had no more rays."""
+    kept_px: float = 0.0
+
+    @property
+    def rays(self) -> int:
+        """That were cast."""
+        return self.hit + self.missed
+
+    def plus(self, other: CastTally) -> CastTally:
+        """Both together."""
+        return CastTally(
+            self.frames + other.frames,
+            self.covered + other.covered,
+            self.sky + other.sky,
+            self.reused + other.reused,
+            self.hit + other.hit,
+            self.missed + other.missed,
+            self.late + other.late,
+            self.unknown + other.unknown,
+            max(self.kept_px, other.kept_px),
+        )
+
+
+def record_errors(distances: NDArray[np.float32], rules: CastRules, focal: float) -> NDArray[np.float32]:
+    """(records,) by how many pixels far surfaces may be off that were cast from these ``distances``, metres.
+
+    What is at least R away is seen from d beside at an angle of at most asin(d / R) to where it was. With ``reuse`` "hits" no
+    record has a bound, and 0 says that each texel's own error counts. Infinite where nothing must be shown.
+    """
+    if rules.reuse == "hits":
+        return np.where(np.isfinite(distances), np.float32(0.0), np.float32(np.inf))
+    share = np.minimum(distances / np.float32(rules.near_field), np.float32(1.0))
+    found: NDArray[np.float32] = np.float32(focal) * np.tan(np.arcsin(share))
+    found[share >= 1.0] = np.inf
+    return found
+
+
+def worst_first(errors: NDArray[np.float32], count: int) -> NDArray[np.int64]:
+    """Places of ``count`` of ``errors`` (n,), in pixels: the largest, and of equal ones every n-th, in their order."""
+    if count >= len(errors):
+        return np.arange(len(errors))
+    if count <= 0:
+        return np.zeros(0, dtype=np.int64)
+    threshold = np.partition(errors, len(errors) - count)[len(errors) - count]
+    worse, equal = np.flatnonzero(errors > threshold), np.flatnonzero(errors == threshold)
+    left = count - len(worse)
+    return np.sort(np.concatenate([worse, equal[np.arange(left) * len(equal) // left]]))
+
+
+def directions_of(pixels: NDArray[np.int64], width: int, rays: Rays) -> NDArray[np.float64]:
+    """(n, 3) unit directions, world, through the middles of ``pixels`` (n,), places in a picture of ``width`` columns."""
+    x, y = (rays.left + pixels % width) / rays.focal, -(rays.top + pixels // width) / rays.focal
+    found = x[:, None] * rays.axes[0] + y[:, None] * rays.axes[1] - rays.axes[2]
+    unit: NDArray[np.float64] = found / np.sqrt(x * x + y * y + 1.0)[:, None]
+    return unit
+
+
+def cast_frame(
+    depths: NDArray[np.float32],
+    first_column: int,
+    rays: Rays,
+    horizon: Horizon,
+    panorama: Panorama,
+    far: FarField,
+    near_objects: NDArray[np.bool_],
+    rules: CastRules,
+    *,
+    limit_px: float,
+    most: int | None,
+    share: float = 0.0,
+    settling: int = 0,
+) -> tuple[tuple[CastPixels, ...], CastTally]:
+    """What completes a picture whose near field has ``depths`` (h, w), and what its pixels were.
+
+    ``first_column`` is where the picture begins in its view. At most ``most`` rays are cast for what is off by more than
+    ``limit_px`` pixels; where these suffice, more for a ``share`` of the others that are off at all, and for ``settling`` of
+    them. The first of the returned draws shows what was cast in this frame, the second what was cast before.
+    """
+    height, width = depths.shape
+    record_error = record_errors(panorama.distances(rays.eye), rules, rays.focal)
+    found = Found(
+        np.empty((height, width), np.uint8), np.empty((height, width), np.int32), np.empty((height, width), np.float32)
+    )
+
+    def some(rows: tuple[int, int]) -> None:
+        classify(
+            depths,
+            rows,
+            rays,
+            rules.near_field,
+            horizon.slopes,
+            horizon.first,
+            horizon.per_radian,
+            panorama.texels,
+            record_error,
+            far.surfaces.owners,
+            near_objects,
+            limit_px,
+            rules.reuse == "hits",
+            found,
+        )
+
+    band = TILE * -(-height // (4 * far.workers * TILE))
+    list(far.threads.map(some, [(row, min(row + band, height)) for row in range(0, height, band)]))
+    state, texel, error = found.state.reshape(-1), found.texel.reshape(-1), found.error.reshape(-1)
+    wanted = np.flatnonzero(state == CAST)
+    chosen = wanted if most is None else wanted[worst_first(error[wanted], most)]
+    if (share or settling) and len(chosen) == len(wanted):
+        stale = np.flatnonzero((state == REUSED) & (error > 0.0))
+        count = math.ceil(share * len(stale)) + settling
+        more = stale[worst_first(error[stale], count if most is None else min(count, most - len(chosen)))]
+        state[more] = CAST
+        chosen = np.concatenate([chosen, more])
+    state[wanted] = REUSED  # as it is known, where there is no ray for it
+    state[chosen] = CAST
+
+    directions = directions_of(chosen, width, rays)
+    hits = far.caster.first_hits(rays.eye, directions, nearest=rules.near_field)
+    if len(chosen):
+        record = panorama.record_at(rays.eye)
+        store(record, rays.eye, directions, hits.triangle, hits.distance, hits.weights, panorama.texels)
+    struck = np.flatnonzero(hits.triangle >= 0)
+    points = (rays.eye + directions[struck] * hits.distance[struck, None].astype(np.float64)).astype(np.float32)
+    fresh = cast_pixels(
+        chosen[struck], width, first_column, hits.triangle[struck], hits.weights[struck], points, rays, far.surfaces
+    )
+    shown = np.flatnonzero((state == REUSED) & (texel >= 0))
+    places = texel[shown]
+    triangles = panorama.texels.triangle[places]
+    there = (triangles >= 0) & ~near_objects[far.surfaces.owners[triangles]]  # near objects are drawn where they are now
+    shown, places, triangles = shown[there], places[there], triangles[there]
+    old = cast_pixels(
+        shown,
+        width,
+        first_column,
+        triangles,
+        panorama.texels.weights[places],
+        panorama.texels.point[places],
+        rays,
+        far.surfaces,
+    )
+    left = wanted[state[wanted] == REUSED]
+    known = int((texel[left] >= 0).sum())
+    kept = error[(state == REUSED) & (texel >= 0)]
+    tally = CastTally(
+        frames=1,
+        covered=int((state == COVERED).sum()),
+        sky=int((state == SKY).sum()),
+        reused=int((state == REUSED).sum()) - len(left),
+        hit=len(struck),
+        missed=len(chosen) - len(struck),
+        late=known,
+        unknown=len(left) - known,
+        kept_px=float(kept.max(initial=0.0)),
+    )
+    return (CastPixels(fresh, fresh=True), CastPixels(old)), tally

@@ -1,0 +1,310 @@
+"""What each pixel of a picture needs, once the near field is drawn (paper sections 4.1, 5.2 and 6).
+
+    COVERED   something near is drawn there, or something that is above the horizon of all that is far
+    SKY       above the horizon of all that is far
+    REUSED    a texel of the panorama has it, cast from near enough
+    CAST      nothing has it: a ray must be cast
+
+A texel is looked up where the pixel looks to, and where the surface found there would have been seen from where it was cast:
+the direction is corrected by the parallax, twice at most, and of all texels met the one is taken whose point is nearest to the
+pixel's own direction. So what is shown again is reprojected, and stretched surfaces get no gaps.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mmi.foundation.camera import View
+from mmi.rays.horizon_map import is_above
+from viewer.casting.panorama import Texels, texel_of
+
+__all__ = ["CAST", "COVERED", "REUSED", "SKY", "TILE", "Found", "Rays", "classify", "rays_of"]
+
+COVERED, SKY, REUSED, CAST = 0, 1, 2, 3
+_CORRECTIONS = 2
+TILE = 16
+"""Pixels of a side of the tiles that are looked at as a whole first."""
+_WIDEST = 1.0
+"""Radians of azimuth that a tile may have to be looked at as a whole."""
+_TURN = 2.0 * math.pi
+_ROUNDING_PX = 1.0
+"""Pixels that a texel may be off besides what the viewer has moved: it may lie half a texel beside, and the pixel too."""
+
+
+class Rays(NamedTuple):
+    """The rays through a picture's pixels. The one of column j and row i goes along ``axes`` (3, 3), rows right, up and back of
+    the eye, times ((``left`` + j) / ``focal``, -(``top`` + i) / ``focal``, -1): that is a point at depth 1.
+    """
+
+    axes: NDArray[np.float64]
+    eye: NDArray[np.float64]
+    focal: float
+    left: float
+    top: float
+
+
+class Found(NamedTuple):
+    """Of each pixel (h, w): its ``state``, the ``texel`` that shows it best (-1: none does), and the ``error`` in pixels that
+    showing it may make, infinite where there is none.
+    """
+
+    state: NDArray[np.uint8]
+    texel: NDArray[np.int32]
+    error: NDArray[np.float32]
+
+
+def rays_of(view: View, first_column: int = 0) -> Rays:
+    """The rays through the middles of a view's pixels, from a column on."""
+    left, top, _, _ = view.window
+    axes = np.ascontiguousarray(view.eye_from_world[:3, :3])
+    return Rays(axes, view.eye, float(view.focal), left + first_column + 0.5, top + 0.5)
+
+
+@njit(cache=True, nogil=True)
+def classify(
+    depths: NDArray[np.float32],
+    rows: tuple[int, int],
+    rays: Rays,
+    near: float,
+    slopes: NDArray[np.float64],
+    first: float,
+    per_radian: float,
+    texels: Texels,
+    record_error: NDArray[np.float32],
+    owners: NDArray[np.int32],
+    near_objects: NDArray[np.bool_],
+    limit: float,
+    own_errors: bool,
+    found: Found,
+) -> None:
+    """Find out what pixels of some ``rows`` (first, end) need, into ``found``.
+
+    ``depths`` (h, w) are those of what was drawn, infinite for sky; far is what is ``near`` metres away or more. The horizon
+    of the far is ``slopes`` as :func:`mmi.rays.horizon_map.is_above` has them. ``record_error`` (records,) says by how many
+    pixels what was cast for each record may be off at most, infinite where it must not be shown; with ``own_errors`` it is each
+    texel's own point that counts. ``owners`` (m,) are the objects of triangles, ``near_objects`` says which of them are drawn.
+    """
+    for top in range(rows[0], rows[1], TILE):
+        bottom = min(top + TILE, rows[1])
+        for left in range(0, depths.shape[1], TILE):
+            right = min(left + TILE, depths.shape[1])
+            if not _simple(depths, top, bottom, left, right, rays, near, slopes, first, per_radian, found):
+                _each(
+                    depths,
+                    top,
+                    bottom,
+                    left,
+                    right,
+                    rays,
+                    near,
+                    slopes,
+                    first,
+                    per_radian,
+                    texels,
+                    record_error,
+                    owners,
+                    near_objects,
+                    limit,
+                    own_errors,
+                    found,
+                )
+
+
+@njit(cache=True, nogil=True)
+def _simple(
+    depths: NDArray[np.float32],
+    top: int,
+    bottom: int,
+    left: int,
+    right: int,
+    rays: Rays,
+    near: float,
+    slopes: NDArray[np.float64],
+    first: float,
+    per_radian: float,
+    found: Found,
+) -> bool:
+    """Whether all pixels of a tile are sky, or covered; then they are in ``found``.
+
+    A tile whose corners all look upwards, above the steepest of the horizon in all their azimuths, is above it: great circles
+    between directions above the horizontal bulge upwards.
+    """
+    farthest, nearest = 0.0, np.inf
+    for i in range(top, bottom):
+        for j in range(left, right):
+            drawn = depths[i, j]
+            farthest, nearest = max(farthest, drawn), min(nearest, drawn)
+    longest = 0.0
+    for k in range(4):
+        x = (rays.left + (right - 1 if k & 1 else left)) / rays.focal
+        y = (rays.top + (bottom - 1 if k & 2 else top)) / rays.focal
+        longest = max(longest, math.sqrt(x * x + y * y + 1.0))
+    if farthest * longest > near and not _is_sky(top, bottom, left, right, rays, slopes, first, per_radian):
+        return False
+    for i in range(top, bottom):
+        for j in range(left, right):
+            found.state[i, j] = SKY if depths[i, j] == np.inf else COVERED
+            found.texel[i, j], found.error[i, j] = -1, 0.0
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _is_sky(
+    top: int,
+    bottom: int,
+    left: int,
+    right: int,
+    rays: Rays,
+    slopes: NDArray[np.float64],
+    first: float,
+    per_radian: float,
+) -> bool:
+    """Whether a tile is above the horizon, as far as its corners tell."""
+    least, low, high = np.inf, 0.0, 0.0
+    start = 0.0
+    for k in range(4):
+        x = (rays.left + (right - 1 if k & 1 else left)) / rays.focal
+        y = -(rays.top + (bottom - 1 if k & 2 else top)) / rays.focal
+        dx, dy, dz = _direction(x, y, rays.axes)
+        level = math.sqrt(dx * dx + dy * dy)
+        if dz <= 0.0 or level <= 1e-6:
+            return False
+        least = min(least, dz / level)
+        turn = math.atan2(dy, dx)
+        if k == 0:
+            start = turn
+        aside = turn - start
+        aside -= _TURN * math.floor(aside / _TURN + 0.5)
+        low, high = min(low, aside), max(high, aside)
+    if high - low > _WIDEST:
+        return False
+    begin = start + low - first
+    begin -= _TURN * math.floor(begin / _TURN)
+    column, last = int(begin * per_radian), int((begin + high - low) * per_radian)
+    if last >= len(slopes):
+        return False
+    return bool(slopes[column : last + 1].max() < least)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _direction(x: float, y: float, axes: NDArray[np.float64]) -> tuple[float, float, float]:
+    """The point at depth 1 that is ``x`` to the right and ``y`` above the middle."""
+    return (
+        axes[0, 0] * x + axes[1, 0] * y - axes[2, 0],
+        axes[0, 1] * x + axes[1, 1] * y - axes[2, 1],
+        axes[0, 2] * x + axes[1, 2] * y - axes[2, 2],
+    )
+
+
+@njit(cache=True, nogil=True)
+def _each(
+    depths: NDArray[np.float32],
+    top: int,
+    bottom: int,
+    left: int,
+    right: int,
+    rays: Rays,
+    near: float,
+    slopes: NDArray[np.float64],
+    first: float,
+    per_radian: float,
+    texels: Texels,
+    record_error: NDArray[np.float32],
+    owners: NDArray[np.int32],
+    near_objects: NDArray[np.bool_],
+    limit: float,
+    own_errors: bool,
+    found: Found,
+) -> None:
+    """Find out what each pixel of a tile needs."""
+    eye, focal = rays.eye, rays.focal
+    for i in range(top, bottom):
+        y = -(rays.top + i) / focal
+        for j in range(left, right):
+            x = (rays.left + j) / focal
+            length = math.sqrt(x * x + y * y + 1.0)
+            drawn = depths[i, j]
+            found.texel[i, j], found.error[i, j] = -1, 0.0
+            if drawn * length <= near:
+                found.state[i, j] = COVERED
+                continue
+            dx, dy, dz = _direction(x, y, rays.axes)
+            dx, dy, dz = dx / length, dy / length, dz / length
+            is_open = drawn == np.inf
+            if is_above(slopes, first, per_radian, dx, dy, dz):
+                found.state[i, j] = SKY if is_open else COVERED
+                continue
+            texel, off = _best(dx, dy, dz, eye, texels, record_error, owners, near_objects, is_open)
+            if texel < 0:
+                found.state[i, j], found.error[i, j] = CAST, np.inf
+                continue
+            off *= focal
+            error = off if own_errors else record_error[texels.record[texel]]
+            if error > (max(limit, _ROUNDING_PX) if own_errors else limit) or off > error + _ROUNDING_PX:
+                found.state[i, j] = CAST
+                if not own_errors and off > error + _ROUNDING_PX:
+                    error = np.inf  # it is some other pixel's
+                else:
+                    found.texel[i, j] = texel
+                found.error[i, j] = error
+            else:
+                found.state[i, j], found.texel[i, j], found.error[i, j] = REUSED, texel, error
+
+
+@njit(cache=True, nogil=True)
+def _best(
+    dx: float,
+    dy: float,
+    dz: float,
+    eye: NDArray[np.float64],
+    texels: Texels,
+    record_error: NDArray[np.float32],
+    owners: NDArray[np.int32],
+    near_objects: NDArray[np.bool_],
+    is_open: bool,
+) -> tuple[int, float]:
+    """The texel whose point is seen nearest to a direction, and by what angle it is off; -1 where there is none.
+
+    Points of near objects are drawn where the viewer sees them, so that an open pixel shows none of them.
+    """
+    columns, rows, step = texels.columns, texels.rows, texels.step
+    best, least = -1, np.inf
+    tx, ty, tz = dx, dy, dz
+    for turn in range(_CORRECTIONS + 1):
+        column, row = texel_of(tx, ty, tz, columns, rows, step)
+        met = -1
+        for k in range(9):  # the texel itself, then those around it
+            if k > 0 and met >= 0 and least <= step:
+                break
+            c, r = column + (0, -1, 1, 0, 0, -1, 1, -1, 1)[k], row + (0, 0, 0, -1, 1, -1, -1, 1, 1)[k]
+            if r < 0 or r >= rows:
+                continue
+            place = r * columns + c % columns
+            record = texels.record[place]
+            if record == 0 or record_error[record] == np.inf:
+                continue
+            triangle = texels.triangle[place]
+            px, py, pz = texels.point[place, 0], texels.point[place, 1], texels.point[place, 2]
+            if triangle >= 0:
+                if near_objects[owners[triangle]] and is_open:
+                    continue
+                px, py, pz = px - eye[0], py - eye[1], pz - eye[2]
+            size = math.sqrt(px * px + py * py + pz * pz)
+            ex, ey, ez = px / size - dx, py / size - dy, pz / size - dz
+            off = math.sqrt(ex * ex + ey * ey + ez * ez)
+            if off < least:
+                best, least, met = place, off, place
+        if met < 0 or least <= step or turn == _CORRECTIONS:
+            break
+        triangle = texels.triangle[met]
+        if triangle < 0:
+            break
+        px, py, pz = texels.point[met, 0] - eye[0], texels.point[met, 1] - eye[1], texels.point[met, 2] - eye[2]
+        size = math.sqrt(px * px + py * py + pz * pz)
+        tx, ty, tz = tx + dx - px / size, ty + dy - py / size, tz + dz - pz / size
+    return best, least

@@ -1,0 +1,122 @@
+"""Surfaces that rays have hit, as pixels for the renderer: texture coordinates, mipmap level and tint, as geometry has them.
+
+The level of a pixel is that of the texture's change from pixel to pixel over the plane of its triangle, which OpenGL estimates
+from neighbouring fragments of it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mmi.appearance.city_mesh import CityMesh
+from viewer.casting.open_pixels import Rays
+from viewer.plan import CAST_PIXEL
+
+__all__ = ["LEVEL_BIAS", "Surfaces", "cast_pixels", "surfaces_of"]
+
+LEVEL_BIAS = -0.75
+"""That of the renderer's meshes (``viewer.drawing.kinds.meshes``)."""
+_GRAZING = 1e-9
+
+
+class Surfaces(NamedTuple):
+    """A city's mesh for kernels: its arrays, the ``owners`` (m,) of triangles, and the texture's ``size`` (width, height)."""
+
+    positions: NDArray[np.float32]
+    uv: NDArray[np.float32]
+    colors: NDArray[np.uint8]
+    triangles: NDArray[np.int32]
+    owners: NDArray[np.int32]
+    size: tuple[float, float]
+
+
+def surfaces_of(mesh: CityMesh) -> Surfaces:
+    """The surfaces of all objects."""
+    owners = np.repeat(np.arange(len(mesh.triangle_counts), dtype=np.int32), mesh.triangle_counts)
+    height, width = mesh.texture.shape[:2]
+    return Surfaces(mesh.positions, mesh.uv, mesh.colors, mesh.triangles, owners, (float(width), float(height)))
+
+
+def cast_pixels(
+    pixels: NDArray[np.int64],
+    width: int,
+    first_column: int,
+    triangles: NDArray[np.int32],
+    weights: NDArray[np.float32],
+    points: NDArray[np.float32],
+    rays: Rays,
+    surfaces: Surfaces,
+) -> NDArray[np.void]:
+    """``CAST_PIXEL`` (n,) for ``pixels`` (n,), places in a picture of ``width`` columns from a view's ``first_column`` on.
+
+    They show ``points`` (n, 3), world, of ``triangles`` (n,) at barycentric ``weights`` (n, 2).
+    """
+    samples = np.empty(len(pixels), dtype=CAST_PIXEL)
+    samples["pixel"][:, 0], samples["pixel"][:, 1] = first_column + pixels % width, pixels // width
+    found = np.empty((len(pixels), 4), dtype=np.float32)
+    _look(triangles, weights, points, rays, surfaces, found, samples["tint"])
+    samples["uv"], samples["level"], samples["depth"] = found[:, :2], found[:, 2], found[:, 3]
+    samples["object"] = surfaces.owners[triangles]
+    return samples
+
+
+@njit(cache=True, nogil=True)
+def _look(
+    triangles: NDArray[np.int32],
+    weights: NDArray[np.float32],
+    points: NDArray[np.float32],
+    rays: Rays,
+    surfaces: Surfaces,
+    found: NDArray[np.float32],
+    tint: NDArray[np.uint8],
+) -> None:
+    """Texture coordinates, level and depth of each, into ``found`` (n, 4), and its colour into ``tint`` (n, 4)."""
+    axes, eye = rays.axes, rays.eye
+    e1, e2, p, s = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    normal, changed = np.empty(3), np.empty(3)
+    for k in range(len(triangles)):
+        a, b, c = surfaces.triangles[triangles[k]]
+        wb, wc = float(weights[k, 0]), float(weights[k, 1])
+        wa = 1.0 - wb - wc
+        for n in range(3):
+            value = wa * surfaces.colors[a, n] + wb * surfaces.colors[b, n] + wc * surfaces.colors[c, n]
+            tint[k, n] = np.uint8(min(max(value + 0.5, 0.0), 255.0))
+            e1[n] = float(surfaces.positions[b, n]) - float(surfaces.positions[a, n])
+            e2[n] = float(surfaces.positions[c, n]) - float(surfaces.positions[a, n])
+            p[n] = float(points[k, n]) - eye[n]
+        tint[k, 3] = 255
+        depth = -(axes[2, 0] * p[0] + axes[2, 1] * p[1] + axes[2, 2] * p[2])
+        normal[0] = e1[1] * e2[2] - e1[2] * e2[1]
+        normal[1] = e1[2] * e2[0] - e1[0] * e2[2]
+        normal[2] = e1[0] * e2[1] - e1[1] * e2[0]
+        area = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]
+        facing = normal[0] * p[0] + normal[1] * p[1] + normal[2] * p[2]
+        u1 = float(surfaces.uv[b, 0]) - float(surfaces.uv[a, 0])
+        v1 = float(surfaces.uv[b, 1]) - float(surfaces.uv[a, 1])
+        u2 = float(surfaces.uv[c, 0]) - float(surfaces.uv[a, 0])
+        v2 = float(surfaces.uv[c, 1]) - float(surfaces.uv[a, 1])
+        found[k, 0] = float(surfaces.uv[a, 0]) + wb * u1 + wc * u2
+        found[k, 1] = float(surfaces.uv[a, 1]) + wb * v1 + wc * v2
+        found[k, 3] = depth
+        largest = 0.0
+        if area > 0.0 and abs(facing) > _GRAZING * math.sqrt(area) * depth and depth > 0.0:
+            for axis in range(2):  # a pixel to the right, and one up: of the point at ``depth``, along the plane
+                slope = (normal[0] * axes[axis, 0] + normal[1] * axes[axis, 1] + normal[2] * axes[axis, 2]) / facing
+                for n in range(3):
+                    changed[n] = depth / rays.focal * (axes[axis, n] - p[n] * slope)
+                s[0] = changed[1] * e2[2] - changed[2] * e2[1]
+                s[1] = changed[2] * e2[0] - changed[0] * e2[2]
+                s[2] = changed[0] * e2[1] - changed[1] * e2[0]
+                db = (s[0] * normal[0] + s[1] * normal[1] + s[2] * normal[2]) / area
+                s[0] = e1[1] * changed[2] - e1[2] * changed[1]
+                s[1] = e1[2] * changed[0] - e1[0] * changed[2]
+                s[2] = e1[0] * changed[1] - e1[1] * changed[0]
+                dc = (s[0] * normal[0] + s[1] * normal[1] + s[2] * normal[2]) / area
+                du, dv = (db * u1 + dc * u2) * surfaces.size[0], (db * v1 + dc * v2) * surfaces.size[1]
+                largest = max(largest, du * du + dv * dv)
+        found[k, 2] = 0.5 * math.log2(largest) + LEVEL_BIAS if largest > 0.0 else 0.0

@@ -1,0 +1,112 @@
+"""Ray casting of the far field (Wimmer, Giegl & Schmalstieg 1998): near geometry, and a surface for each pixel that it leaves.
+
+What a frame takes depends on the pixels that near objects leave open, hardly on the size of the city. It needs no cells.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from hashlib import blake2b
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mmi.foundation.camera import View
+from mmi.rays.horizon_map import azimuths_of, horizon_of
+from viewer.casting.far_field import far_field_of
+from viewer.casting.frame import CastTally, cast_frame
+from viewer.casting.near_set import NearSet
+from viewer.casting.open_pixels import rays_of
+from viewer.casting.panorama import Panorama
+from viewer.casting.rules import CastRules
+from viewer.plan import Budget, Draw, Objects, Plan, Sky
+from viewer.scene.frustum import box_corners, within_view
+from viewer.scene.scene import WalkScene
+
+__all__ = ["RayCasting"]
+
+_FIRST_RAY = 2e-6
+"""Seconds that a ray is believed to take before the first was cast."""
+_LEARNING = 0.2
+_STANDING = 1e-6
+"""Metres that a viewer moves from frame to frame who stands still."""
+
+
+class RayCasting:
+    """Near objects as geometry, the far field as rays, sky and what was cast before."""
+
+    name = "ray-cast"
+
+    def __init__(self, scene: WalkScene, rules: CastRules | None = None) -> None:
+        self._scene, self._rules = scene, rules or CastRules()
+        self._far = far_field_of(scene, self._rules)
+        self._panorama = Panorama(scene.camera)
+        self._ray_seconds = _FIRST_RAY
+        self._last: NDArray[np.float64] | None = None
+        self.tally = CastTally()
+        """What pixels were so far."""
+        self.latest = CastTally()
+        """What those of the last picture were."""
+
+    def plan(self, view: View, *, now: float, budget: Budget) -> Plan:  # noqa: ARG002
+        """Draw near objects, ground and sky, and finish with what rays find."""
+        eye = view.eye
+        near = self._far.neighbourhoods.around(eye)
+        horizon = horizon_of(self._far.heights, eye, beyond=self._rules.near_field, window=azimuths_of(_corners(view)))
+        flags = near.flags
+        limit = self._scene.parameters.max_error_px if self._rules.limit_px is None else self._rules.limit_px
+        moved = math.inf if self._last is None else float(np.linalg.norm(eye - self._last))
+        self._last = eye
+        standing = moved <= _STANDING
+        most = self._rules.rays
+        if np.isfinite(budget.updates):
+            affordable = int(budget.updates / self._ray_seconds)
+            most = affordable if most is None else min(most, affordable)
+
+        def finish(depths: NDArray[np.float32], first_column: int) -> tuple[Draw, ...]:
+            start = time.perf_counter()
+            draws, tally = cast_frame(
+                depths,
+                first_column,
+                rays_of(view, first_column),
+                horizon,
+                self._panorama,
+                self._far,
+                flags,
+                self._rules,
+                limit_px=limit,
+                most=most,
+                share=0.0 if standing else self._share(moved, limit / view.focal),
+                settling=self._rules.settling if standing else 0,
+            )
+            if tally.rays:
+                took = (time.perf_counter() - start) / tally.rays
+                self._ray_seconds += _LEARNING * (min(took, 1e-3) - self._ray_seconds)
+            self.latest, self.tally = tally, self.tally.plus(tally)
+            return draws
+
+        return Plan((_in_view(near, self._scene, view), self._scene.ground_in(view), Sky()), finish=finish)
+
+    def _share(self, moved: float, limit: float) -> float:
+        """The share of all that was cast to cast again on a way of ``moved`` metres, before it is off by ``limit``.
+
+        That is the tangent of an angle; what was cast is good for as long as it takes to walk ``near_field`` times its sine.
+        """
+        good = self._rules.near_field * math.sin(math.atan(limit))
+        return moved / good if moved < good else 0.0
+
+
+def _in_view(near: NearSet, scene: WalkScene, view: View) -> Objects:
+    """Near objects that the view may show. A viewer who walks and looks ahead sees the same for a while."""
+    boxes = scene.boxes[near.objects]
+    shows = within_view(box_corners(boxes[:, 0], boxes[:, 1]), view)
+    told = blake2b(np.packbits(shows).tobytes(), digest_size=8).hexdigest()
+    return Objects(f"{near.key} {told}", near.objects[shows])
+
+
+def _corners(view: View) -> NDArray[np.float64]:
+    """(4, 3) directions to the corners of a view."""
+    left, top, width, height = view.window
+    u, v = np.array([left, left + width] * 2), np.array([top, top, top + height, top + height])
+    return view.unproject(u.astype(np.float64), v.astype(np.float64), np.ones(4)) - view.eye
