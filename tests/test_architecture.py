@@ -22,7 +22,7 @@ FLOORS = {
         "city gltf",
         "reading appearance cells movers walks",
         "writing visibility",
-        "parallax validity",
+        "parallax validity rays",
         "planning capture",
         "meshing",
         "dataset",

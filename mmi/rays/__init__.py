@@ -1,0 +1,1 @@
+"""Rays through a city: what they hit first, and which of them meet nothing but sky."""
