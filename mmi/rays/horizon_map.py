@@ -170,29 +170,28 @@ def _find_steepest(pyramid: Pyramid, ground: _Ground, first: int, width: float, 
         wedge = _Wedge(
             math.cos(right), math.sin(right), math.cos(left), math.sin(left), math.cos(middle), math.sin(middle), width
         )
-        steepest, final = _bound(pyramid, ground, wedge, where[0], where[1], where[2])
+        steepest, final = _bound(pyramid, ground, wedge, top, 0, 0)
+        waiting = 0
         if not final:
-            steepest = -math.inf
-        blocks[0], bounds[0] = (top, 0, 0), math.inf
-        waiting = 1
+            blocks[0], bounds[0] = (top, 0, 0), steepest
+            waiting = 1
+            guess, final = _bound(pyramid, ground, wedge, where[0], where[1], where[2])
+            steepest = guess if final else -math.inf
         while waiting:
             waiting -= 1
             if bounds[waiting] <= steepest:
                 continue
             level, row, column = blocks[waiting]
-            bound, final = _bound(pyramid, ground, wedge, level, row, column)
-            if bound <= steepest:
-                continue
-            if final:
-                steepest = bound
-                where[:] = level, row, column
-                continue
             level -= 1
             base = waiting
             for r in range(2 * row, min(2 * row + 2, pyramid.shapes[level, 0])):
                 for c in range(2 * column, min(2 * column + 2, pyramid.shapes[level, 1])):
-                    bound, _ = _bound(pyramid, ground, wedge, level, r, c)
+                    bound, final = _bound(pyramid, ground, wedge, level, r, c)
                     if bound <= steepest:
+                        continue
+                    if final:
+                        steepest = bound
+                        where[:] = level, r, c
                         continue
                     k = waiting
                     while k > base and bounds[k - 1] > bound:
