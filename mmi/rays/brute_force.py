@@ -1,0 +1,90 @@
+"""First hits by testing every triangle: the plain twin that the other casters are held against.
+
+It shares nothing with them but what a hit is. A ray meets a triangle if the volumes that it spans with the three sides have
+no two signs. Of the faces that it meets in the plane of the nearest one, within ``FLAT``, the one drawn first is hit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mmi.appearance.city_mesh import CityMesh
+from mmi.rays.coincident import FLAT
+from mmi.rays.hits import Hits, no_hits, rays_of
+
+__all__ = ["BruteForce", "brute_force"]
+
+_TESTS = 1 << 20
+"""Rays times triangles that are tested at once."""
+_PARALLEL = 0.98
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BruteForce:
+    """A caster that tests every triangle. ``corners`` (m, 3, 3) float64 metres, ``normals`` (m, 3), 0 without area."""
+
+    corners: NDArray[np.float64]
+    normals: NDArray[np.float64]
+
+    def first_hits(self, origins: ArrayLike, directions: ArrayLike, *, nearest: float = 0.0) -> Hits:
+        """First hits, as :class:`mmi.rays.hits.Caster` has them."""
+        starts, along = rays_of(origins, directions)
+        starts = np.broadcast_to(starts, along.shape)
+        hits = no_hits(len(along))
+        some = max(1, _TESTS // max(len(self.corners), 1))
+        for first in range(0, len(along) if len(self.corners) else 0, some):
+            part = slice(first, first + some)
+            distances, volumes = self._meetings(starts[part], along[part], nearest)
+            chosen = self._first_drawn(starts[part], along[part], distances)
+            rays = np.arange(len(chosen))
+            hit = np.isfinite(distances[rays, chosen])
+            hits.triangle[part] = np.where(hit, chosen, -1)
+            hits.distance[part] = distances[rays, chosen]
+            weights = volumes[rays, chosen, 1:]
+            hits.weights[part] = np.where(hit[:, None], weights, 0.0)
+        return hits
+
+    def _meetings(
+        self, origins: NDArray[np.float64], directions: NDArray[np.float64], nearest: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(n, m) how far along each ray it meets each triangle, infinite if not, and (n, m, 3) the weights of its corners."""
+        a, b, c = (self.corners[None, :, k] - origins[:, None] for k in range(3))
+        volumes = np.stack([_along(directions, first, second) for first, second in ((c, b), (a, c), (b, a))], axis=-1)
+        total = volumes.sum(axis=-1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            weights = volumes / total[..., None]
+            points = weights[..., :1] * a + weights[..., 1:2] * b + weights[..., 2:] * c
+            distances = np.einsum("nmk,nk->nm", points, directions)
+            one_sided = (volumes >= 0.0).all(axis=-1) | (volumes <= 0.0).all(axis=-1)
+            met = one_sided & (total != 0.0) & (distances >= nearest)
+        return np.where(met, distances, np.inf), weights
+
+    def _first_drawn(
+        self, origins: NDArray[np.float64], directions: NDArray[np.float64], distances: NDArray[np.float64]
+    ) -> NDArray[np.intp]:
+        """(n,) of the faces that each ray meets in the plane of its nearest hit, the first."""
+        nearest = distances.argmin(axis=1)
+        least = distances[np.arange(len(nearest)), nearest]
+        points = origins + np.where(np.isfinite(least), least, 0.0)[:, None] * directions
+        heights = np.einsum("nmk,mk->nm", points[:, None] - self.corners[None, :, 0], self.normals)
+        level = (np.abs(heights) <= FLAT) & (np.abs(self.normals[nearest] @ self.normals.T) >= _PARALLEL)
+        level &= np.isfinite(distances)
+        return np.where(level.any(axis=1), level.argmax(axis=1), nearest)
+
+
+def brute_force(mesh: CityMesh) -> BruteForce:
+    """A caster that tests every triangle of a mesh: for tests, or a handful of rays."""
+    corners = mesh.positions[mesh.triangles].astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return BruteForce(corners, np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0.0))
+
+
+def _along(
+    directions: NDArray[np.float64], first: NDArray[np.float64], second: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(n, m) the volumes that directions (n, 3) span with pairs of vectors (n, m, 3)."""
+    return np.einsum("nk,nmk->nm", directions, np.cross(first, second))

@@ -1,0 +1,168 @@
+"""Coincident faces: of several faces in one plane that a ray meets at once, the one that is drawn first is hit.
+
+Neighbours in a city share walls, models repeat faces, and the depth test of a renderer keeps the first of what is equally deep.
+Which of them a ray meets at the least distance is a matter of roundings, so it is settled here: faces that lie within a
+millimetre of each other and overlap are found once for a mesh, and what a caster finds first is exchanged for the first of its
+coincident faces that the ray meets as well.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mmi.rays.grid import Grid
+from mmi.rays.ray_triangle import meeting, point_met
+
+__all__ = ["FLAT", "Coincident", "coincident_faces", "settle"]
+
+FLAT = 1e-3
+"""Metres within which faces coincide: twice what float32 leaves of a position 8 km from the city's origin."""
+_PARALLEL = 0.98
+"""Least cosine between the normals of faces that coincide: that of 11 degrees."""
+
+
+class Coincident(NamedTuple):
+    """Of each triangle i those that coincide with it, in ascending order: ``others[starts[i] : starts[i + 1]]``, both
+    int32.
+    """
+
+    starts: NDArray[np.int32]
+    others: NDArray[np.int32]
+
+
+def coincident_faces(corners: NDArray[np.float32], grid: Grid) -> Coincident:
+    """The triangles with ``corners`` (m, 9) that coincide, whichever way they face: no corner of the smaller is farther from
+    the larger one's plane than ``FLAT``, and they overlap by more than that in each direction of it.
+
+    ``grid`` is theirs: only triangles that share a cell are held against each other.
+    """
+    normals = _normals(corners)
+    pairs = _pairs(corners, normals, grid, np.empty((1024, 2), dtype=np.int32))
+    numbers = np.unique(pairs[:, 0].astype(np.int64) * len(corners) + pairs[:, 1])
+    first, second = np.divmod(numbers, max(len(corners), 1))
+    ones, others = np.concatenate([first, second]), np.concatenate([second, first])
+    order = np.lexsort([others, ones])
+    starts = np.zeros(len(corners) + 1, dtype=np.int32)
+    np.cumsum(np.bincount(ones, minlength=len(corners)), out=starts[1:])
+    found = Coincident(starts, others[order].astype(np.int32))
+    for one in found:
+        one.setflags(write=False)
+    return found
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def settle(
+    corners: NDArray[np.float32],
+    coincident: Coincident,
+    i: int,
+    kx: int,
+    ky: int,
+    kz: int,
+    ox: float,
+    oy: float,
+    oz: float,
+    sx: float,
+    sy: float,
+    sz: float,
+) -> tuple[int, float, float, float]:
+    """What a ray that meets triangle ``i`` first is said to hit: the triangle, how far along the ray, and the weights of its
+    second and third corner. The ray is as :func:`mmi.rays.ray_triangle.meeting` has it.
+    """
+    for k in range(coincident.starts[i], coincident.starts[i + 1]):
+        other = coincident.others[k]
+        if other > i:
+            break
+        if not math.isnan(meeting(corners, other, kx, ky, kz, ox, oy, oz, sx, sy, sz)):
+            i = other
+            break
+    t, v, w = point_met(corners, i, kx, ky, kz, ox, oy, oz, sx, sy, sz)
+    return i, t, v, w
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _normals(corners: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(m, 4) unit normals of triangles, and their areas in square metres; all 0 without area."""
+    normals = np.zeros((len(corners), 4), dtype=np.float32)
+    for i in range(len(corners)):
+        a = corners[i]
+        bx, by, bz = float(a[3]) - a[0], float(a[4]) - a[1], float(a[5]) - a[2]
+        cx, cy, cz = float(a[6]) - a[0], float(a[7]) - a[1], float(a[8]) - a[2]
+        nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+        length = math.sqrt(nx * nx + ny * ny + nz * nz)
+        if length > 0.0:
+            normals[i, 0], normals[i, 1], normals[i, 2] = nx / length, ny / length, nz / length
+            normals[i, 3] = 0.5 * length
+    return normals
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _pairs(
+    corners: NDArray[np.float32], normals: NDArray[np.float32], grid: Grid, pairs: NDArray[np.int32]
+) -> NDArray[np.int32]:
+    """(p, 2) the pairs that coincide, the lower first, once for each cell that has both. ``pairs`` is room to begin with."""
+    found = 0
+    least, most = np.empty(64, dtype=np.float32), np.empty(64, dtype=np.float32)
+    for c in range(len(grid.starts) - 1):
+        here = grid.entries[grid.starts[c] : grid.starts[c + 1]]
+        count = len(here)
+        if count < 2:
+            continue
+        if count > len(least):
+            least, most = np.empty(2 * count, dtype=np.float32), np.empty(2 * count, dtype=np.float32)
+        for m in range(count):
+            row = corners[here[m]]
+            least[m], most[m] = min(row[0], row[3], row[6]), max(row[0], row[3], row[6])
+        for m in range(count):
+            i = here[m]
+            for n in range(m + 1, count):
+                if least[n] > most[m] or least[m] > most[n]:
+                    continue
+                j = here[n]
+                cosine = normals[i, 0] * normals[j, 0] + normals[i, 1] * normals[j, 1] + normals[i, 2] * normals[j, 2]
+                if abs(cosine) < _PARALLEL or not _coincide(corners, normals, i, j):
+                    continue
+                if found == len(pairs):
+                    longer = np.empty((2 * found, 2), dtype=np.int32)
+                    longer[:found] = pairs
+                    pairs = longer
+                pairs[found, 0], pairs[found, 1] = min(i, j), max(i, j)
+                found += 1
+    return pairs[:found].copy()
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _coincide(corners: NDArray[np.float32], normals: NDArray[np.float32], i: int, j: int) -> bool:
+    """Whether two nearly parallel triangles lie in one plane and overlap."""
+    large, small = (i, j) if normals[i, 3] >= normals[j, 3] else (j, i)
+    nx, ny, nz = float(normals[large, 0]), float(normals[large, 1]), float(normals[large, 2])
+    a, b = corners[large], corners[small]
+    for k in range(0, 9, 3):
+        x, y, z = float(b[k]) - a[0], float(b[k + 1]) - a[1], float(b[k + 2]) - a[2]
+        if abs(nx * x + ny * y + nz * z) > FLAT:
+            return False
+    p, q = (1, 2) if abs(nx) >= abs(ny) and abs(nx) >= abs(nz) else (2, 0) if abs(ny) >= abs(nz) else (0, 1)
+    return not (_parted(a, b, p, q) or _parted(b, a, p, q))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _parted(a: NDArray[np.float32], b: NDArray[np.float32], p: int, q: int) -> bool:
+    """Whether a side of triangle ``a`` (9,) parts it from triangle ``b`` in the plane of axes p and q, but for ``FLAT``."""
+    for k in range(0, 9, 3):
+        after, last = (k + 3) % 9, (k + 6) % 9
+        sx, sy = float(a[after + p]) - a[k + p], float(a[after + q]) - a[k + q]
+        length = math.sqrt(sx * sx + sy * sy)
+        if length == 0.0:
+            continue
+        inner = sx * (float(a[last + q]) - a[k + q]) - sy * (float(a[last + p]) - a[k + p])
+        turn = 1.0 if inner >= 0.0 else -1.0
+        deepest = -np.inf
+        for n in range(0, 9, 3):
+            deepest = max(deepest, turn * (sx * (float(b[n + q]) - a[k + q]) - sy * (float(b[n + p]) - a[k + p])))
+        if deepest <= FLAT * length:
+            return True
+    return False
