@@ -43,7 +43,8 @@ class CityMesh:
     corner, the texture repeats; ``colors`` (n, 3) uint8 multiply the texture; ``triangles`` (m, 3) int32,
     counter-clockwise from outside. Object i owns vertices ``object_vertices[i]`` to ``object_vertices[i + 1]`` and
     likewise ``object_triangles``, both (k + 1,) int64; no triangle uses another object's vertices.
-    ``texture`` (h, w, 3) uint8 sRGB.
+    ``texture`` (h, w, 3) uint8 sRGB, or (h, w, 4) where the city has cut-outs: where alpha is below 128, a surface is clear
+    (``mmi.appearance.cut_outs``).
     """
 
     positions: NDArray[np.float32]
@@ -63,6 +64,8 @@ class CityMesh:
                 f"a city mesh needs (n, 3), (n, 2) and (n, 3) vertex arrays, "
                 f"found {self.positions.shape}, {self.uv.shape} and {self.colors.shape}"
             )
+        if self.texture.ndim != 3 or self.texture.shape[2] not in (3, 4):
+            raise ValueError(f"a city mesh needs a texture (h, w, 3 or 4), found {self.texture.shape}")
         if self.object_vertices[-1] != n or self.object_triangles[-1] != len(self.triangles):
             raise ValueError(
                 f"a city mesh's offsets end at its {n} vertices and {len(self.triangles)} triangles, "
@@ -71,6 +74,11 @@ class CityMesh:
         object.__setattr__(self, "triangle_counts", np.diff(self.object_triangles))
         for name in self.__slots__:
             getattr(self, name).setflags(write=False)
+
+    @property
+    def has_cut_outs(self) -> bool:
+        """Whether surfaces may be clear."""
+        return self.texture.shape[2] == 4
 
 
 def build_city_mesh(city: City) -> CityMesh:

@@ -78,7 +78,7 @@ def facade_texture() -> NDArray[np.uint8]:
 
 
 def glass_of(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(h, w): 255 where a city's ``texture`` (h, w, 3) shows glass of painted facades, else 0.
+    """(h, w): 255 where a city's ``texture`` (h, w, 3 or 4) shows glass of painted facades, else 0.
 
     Only the windows of upper storeys count, and none of the city's own pictures.
     """
@@ -86,7 +86,7 @@ def glass_of(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     height, width = facade.shape[:2]
     glass = np.zeros(texture.shape[:2], dtype=np.uint8)
     repeats, left = divmod(texture.shape[1], width)
-    if len(texture) < height or left or not np.array_equal(texture[:height, :width], facade):
+    if len(texture) < height or left or not np.array_equal(texture[:height, :width, :3], facade):
         return glass
     for i, style in enumerate(STYLES):
         for row in range(1, ROWS):

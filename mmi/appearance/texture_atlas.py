@@ -4,6 +4,8 @@ At the top lie, where something needs them, the painted facades of ``mmi.appeara
 width so that they still wrap there; below them a white patch for surfaces of one colour, and the city's own pictures on
 shelves, each with its edges repeated around it so that mipmaps do not bleed. Pictures do not wrap in an atlas: those that
 surfaces repeat have copies side by side, and surfaces that need more than there is room for are cut (``cut_at_repeats``).
+Clear texels of cut-outs (``mmi.appearance.cut_outs``) have the colour of the nearest that are not, so that filters mix in no
+other.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mmi.appearance import facades
+from mmi.appearance.cut_outs import CLEAR_BELOW, dilated, with_solid_share
 from mmi.city.model import Texture
 from mmi.foundation.shelves import on_shelves
 
@@ -33,7 +36,7 @@ _LARGEST = 8192  # texels a side: OpenGL 4 promises 16384, but with mipmaps this
 class Atlas:
     """``texture`` (h, w, 3) uint8. Picture i lies at ``boxes[i]`` (x, y, width, height), texels, ``copies[i]`` (across, down)
     of it side by side; ``white`` (u, v down) is a white point. Texture coordinates of facades are multiplied by
-    ``facade_scale``.
+    ``facade_scale``. Where a picture is a cut-out, ``texture`` (h, w, 4) has an alpha as well.
     """
 
     texture: NDArray[np.uint8]
@@ -77,18 +80,18 @@ def pack_atlas(textures: Sequence[Texture], repeats: NDArray[np.float64], *, pai
             break
         scale *= 0.8
     height = -(-end // 64) * 64
-    texture = np.full((height, width, 3), 255, dtype=np.uint8)
-    texture[: facade.shape[0]] = np.tile(facade, (1, width // facade.shape[1], 1))
+    channels = 4 if any(one.is_cut_out for one in textures) else 3
+    texture = np.full((height, width, channels), 255, dtype=np.uint8)
+    texture[: facade.shape[0], :, :3] = np.tile(facade, (1, width // facade.shape[1], 1))
     for one, (x, y), size, count in zip(
         textures, corners.tolist(), reduced.astype(int).tolist(), copies.tolist(), strict=True
     ):
-        image = one.image
+        image = dilated(one.image) if one.is_cut_out else one.image
         if image.shape[1::-1] != tuple(size):
-            image = np.asarray(Image.fromarray(image).resize(tuple(size), Image.Resampling.BOX))
+            image = _reduced(image, tuple(size))
         image = np.tile(image, (count[1], count[0], 1))
-        texture[y - _PAD : y + len(image) + _PAD, x - _PAD : x + image.shape[1] + _PAD] = np.pad(
-            image, ((_PAD, _PAD), (_PAD, _PAD), (0, 0)), mode="edge"
-        )
+        padded = texture[y - _PAD : y + len(image) + _PAD, x - _PAD : x + image.shape[1] + _PAD]
+        padded[..., : image.shape[2]] = np.pad(image, ((_PAD, _PAD), (_PAD, _PAD), (0, 0)), mode="edge")
     texture.setflags(write=False)
     return Atlas(
         texture=texture,
@@ -97,6 +100,21 @@ def pack_atlas(textures: Sequence[Texture], repeats: NDArray[np.float64], *, pai
         white=(0.5 * _WHITE / width, (facade.shape[0] + 0.5 * _WHITE) / height),
         facade_scale=(facade.shape[1] / width, facade.shape[0] / height),
     )
+
+
+def _reduced(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """The image (h, w, 3 or 4) at ``size`` (width, height); of a cut-out, as large a share stays clear.
+
+    Colours and alpha are reduced each by themselves, or clear texels would become black.
+    """
+    colors = np.asarray(Image.fromarray(image[..., :3]).resize(size, Image.Resampling.BOX))
+    if image.shape[2] == 3:
+        return colors
+    solid = np.where(image[..., 3] < CLEAR_BELOW, np.uint8(0), np.uint8(255))
+    alpha, share = (
+        np.asarray(Image.fromarray(one).resize(size, Image.Resampling.BOX)) for one in (image[..., 3].copy(), solid)
+    )
+    return np.dstack([colors, with_solid_share(alpha, share, tile=max(size))])
 
 
 def cut_at_repeats(

@@ -28,6 +28,8 @@ from pyrender.platforms import egl
 from pyrender.renderer import Renderer
 
 from mmi.appearance.city_mesh import CityMesh, mesh_of
+from mmi.appearance.cut_outs import clear_blocks
+from mmi.capture.cut_out_materials import CutOutPrograms, SharperTexture, cut_out_coordinates
 from mmi.capture.layer_values import DepthTexture
 from mmi.foundation.camera import View
 from mmi.foundation.errors import CaptureError
@@ -35,7 +37,6 @@ from mmi.foundation.errors import CaptureError
 __all__ = ["Capturer"]
 
 _OBJECTS_A_PASS = 255  # alpha has eight bits, and 0 is the background
-_SHARPER = -0.75  # mipmap levels: facades are seen at grazing angles, where trilinear filtering blurs their windows
 _FLAGS = (
     pyrender.RenderFlags.OFFSCREEN
     | pyrender.RenderFlags.FLAT
@@ -58,7 +59,9 @@ class Capturer:
         self._scene = pyrender.Scene(bg_color=[0.0, 0.0, 0.0, 0.0])
         self._camera_node = self._scene.add(self._camera)
         sampler = pyrender.Sampler(wrapS=GL.GL_REPEAT, wrapT=GL.GL_CLAMP_TO_EDGE)
-        texture = _SharperTexture(source=mesh.texture, source_channels="RGB", sampler=sampler)
+        self._clear = clear_blocks(mesh.texture)
+        channels = "RGBA" if mesh.has_cut_outs else "RGB"
+        texture = SharperTexture(source=mesh.texture, source_channels=channels, sampler=sampler)
         self._material = pyrender.MetallicRoughnessMaterial(baseColorTexture=texture, doubleSided=True)
         # A speck behind the camera keeps the texture loaded between captures.
         keeper = pyrender.Primitive(
@@ -130,8 +133,12 @@ class Capturer:
         colors = np.ones((len(numbers), 4), dtype=np.float32)
         colors[:, :3] = (numbers[:, None] >> np.array([0, 8, 16]) & 255) / np.float32(255.0)
         positions = part.positions - view.eye
-        plain = pyrender.MetallicRoughnessMaterial(baseColorFactor=[1.0, 1.0, 1.0, 1.0], doubleSided=True)
-        primitive = pyrender.Primitive(positions=positions, color_0=colors, indices=part.triangles, material=plain)
+        if part.has_cut_outs:
+            looks = self._looks(part, plain=True)
+        else:
+            plain = pyrender.MetallicRoughnessMaterial(baseColorFactor=[1.0, 1.0, 1.0, 1.0], doubleSided=True)
+            looks = {"material": plain}
+        primitive = pyrender.Primitive(positions=positions, color_0=colors, indices=part.triangles, **looks)
         with self._in_scene([primitive]) as [mesh]:
             rgba, _ = self._render(mesh, _extent(positions[part.triangles]), view, 1)
         number = rgba[..., :3].astype(np.int32) @ np.array([1, 1 << 8, 1 << 16], dtype=np.int32)
@@ -146,13 +153,16 @@ class Capturer:
         colors[:, :3] = part.colors / np.float32(255.0)
         colors[:, 3] = numbers / np.float32(255.0)
         primitive = pyrender.Primitive(
-            positions=positions,
-            texcoord_0=np.stack([part.uv[:, 0], 1.0 - part.uv[:, 1]], axis=1),
-            color_0=colors,
-            indices=part.triangles,
-            material=self._material,
+            positions=positions, color_0=colors, indices=part.triangles, **self._looks(part, plain=False)
         )
         return primitive, _extent(positions[part.triangles])
+
+    def _looks(self, part: CityMesh, *, plain: bool) -> dict[str, Any]:
+        """Material and texture coordinates of a primitive; ``plain``: the texture says what is clear, and nothing else."""
+        found = {"material": self._material, "texcoord_0": np.stack([part.uv[:, 0], 1.0 - part.uv[:, 1]], axis=1)}
+        if part.has_cut_outs:
+            found["texcoord_1"] = cut_out_coordinates(part, self._clear, plain=plain)
+        return found
 
     @contextmanager
     def _in_scene(self, primitives: Sequence[pyrender.Primitive]) -> Iterator[list[pyrender.Mesh]]:
@@ -244,25 +254,16 @@ class _WindowCamera(pyrender.Camera):
         return matrix
 
 
-class _SharperTexture(pyrender.Texture):
-    """Filters trilinearly, from a finer mipmap.
-
-    Anisotropic filtering would do better, but in software (Mesa 22) a wall seen edge-on takes it minutes.
-    """
-
-    def _add_to_context(self) -> None:
-        super()._add_to_context()
-        GL.glBindTexture(self.tex_type, self._texid)
-        GL.glTexParameterf(self.tex_type, GL.GL_TEXTURE_LOD_BIAS, _SHARPER)
-        GL.glBindTexture(self.tex_type, 0)
-
-
 class _SingleSampleRenderer(Renderer):
     """pyrender's renderer with one sample a pixel and a framebuffer that grows instead of being made anew."""
 
     _main_fb: int | None
     _main_fb_ms: int | None
     _main_fb_dims: tuple[int, int] | tuple[None, None]
+
+    def __init__(self, width: int, height: int) -> None:
+        super().__init__(width, height)
+        self._program_cache = CutOutPrograms()
 
     def _configure_main_framebuffer(self) -> None:
         wanted = (self.viewport_width, self.viewport_height)

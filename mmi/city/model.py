@@ -82,19 +82,27 @@ def _plans(footprints: Sequence[Polygon], bottoms: Sequence[float], tops: Sequen
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Texture:
-    """A picture that meshes are covered with: ``image`` (h, w, 3) uint8 sRGB, top row first; ``name`` for files."""
+    """A picture that meshes are covered with: ``image`` (h, w, 3) uint8 sRGB, top row first; ``name`` for files.
+
+    A cut-out (leaves, railings) has a fourth channel: where that is below 128, a surface shows what is behind it.
+    """
 
     name: str
     image: NDArray[np.uint8]
 
     def __post_init__(self) -> None:
         image = np.ascontiguousarray(self.image)
-        if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8 or image.size == 0:
+        if image.ndim != 3 or image.shape[2] not in (3, 4) or image.dtype != np.uint8 or image.size == 0:
             raise CityError(
-                f"texture {self.name}: (h, w, 3) uint8 expected, found {image.dtype} of shape {image.shape}"
+                f"texture {self.name}: (h, w, 3 or 4) uint8 expected, found {image.dtype} of shape {image.shape}"
             )
         image.setflags(write=False)
         object.__setattr__(self, "image", image)
+
+    @property
+    def is_cut_out(self) -> bool:
+        """Whether it may have clear texels."""
+        return self.image.shape[2] == 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)

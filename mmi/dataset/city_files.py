@@ -6,9 +6,11 @@ import io
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from mmi.appearance.city_mesh import CityMesh, build_city_mesh
+from mmi.appearance.cut_outs import clear_blocks, cut_out_triangles
 from mmi.appearance.ground_mesh import ground_mesh
 from mmi.city.model import City
 from mmi.dataset.glb import GlbContents, GlbImage, GlbNode, GlbPrimitive, glb_bytes, read_glb
@@ -25,10 +27,12 @@ def city_glb(city: City) -> tuple[bytes, int]:
     """The geometry that all cells share as binary glTF, and the number of the objects' triangles.
 
     Nodes are the objects in the city's order, named by id, and then the tiles of the ground: ``ground/0``, ``ground/1``, ...
+    Those that show cut-outs have a material with holes.
     """
     mesh, ground = build_city_mesh(city), ground_mesh(city, margin=_GROUND_MARGIN)
+    cut_out = cut_out_triangles(clear_blocks(mesh.texture), mesh.uv, mesh.triangles)
     nodes = [
-        GlbNode(one.id, _primitives(mesh, i, image=0), {"base": one.base, "top": one.top})
+        GlbNode(one.id, _primitives(mesh, i, image=0, cut_out=cut_out), {"base": one.base, "top": one.top})
         for i, one in enumerate(city.objects)
     ]
     tiles = range(len(ground.triangle_counts))
@@ -55,8 +59,10 @@ def read_city_mesh(dataset: Dataset) -> tuple[CityMesh, CityMesh]:
         raise DatasetError(f"{name}: objects, ground and two textures expected, found others ({error})") from error
 
 
-def _primitives(mesh: CityMesh, index: int, *, image: int) -> tuple[GlbPrimitive, ...]:
-    """The part of ``mesh`` that object ``index`` owns; nothing where it has no triangles."""
+def _primitives(
+    mesh: CityMesh, index: int, *, image: int, cut_out: NDArray[np.bool_] | None = None
+) -> tuple[GlbPrimitive, ...]:
+    """The part of ``mesh`` that object ``index`` owns; nothing where it has no triangles. ``cut_out`` (m,) of all triangles."""
     first, last = mesh.object_vertices[index : index + 2]
     start, end = mesh.object_triangles[index : index + 2]
     if start == end:
@@ -68,6 +74,7 @@ def _primitives(mesh: CityMesh, index: int, *, image: int) -> tuple[GlbPrimitive
             uv=mesh.uv[first:last],
             colors=mesh.colors[first:last],
             image=image,
+            cut_out=cut_out is not None and bool(cut_out[start:end].any()),
         ),
     )
 
@@ -80,7 +87,7 @@ def _city_mesh(nodes: Sequence[GlbNode], image: GlbImage) -> CityMesh:
     triangles = np.concatenate([[0], np.cumsum([0 if part is None else len(part.triangles) for part in parts])])
     first = [int(vertices[i]) for i, part in enumerate(parts) if part is not None]
     with Image.open(io.BytesIO(image.data)) as picture:
-        texture = np.array(picture.convert("RGB"))
+        texture = np.array(picture.convert("RGBA" if picture.mode == "RGBA" else "RGB"))
     return CityMesh(
         positions=np.concatenate([part.positions for part in found]),
         uv=np.concatenate([part.uv for part in found if part.uv is not None]),

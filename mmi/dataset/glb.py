@@ -58,9 +58,9 @@ class GlbPrimitive:
     """Triangles with one texture.
 
     ``positions`` (n, 3) float32 metres; ``triangles`` (m, 3) int32; ``uv`` (n, 2) float32, v down; ``colors`` (n, 3)
-    uint8 multiply the texture; ``image`` is an index into the file's images. ``masked``: texels with alpha below a half
-    are holes, and texture coordinates lie in [0, 1] (they are stored in steps of 1 / 65535). n and m are at least 1 (glTF
-    has no empty primitives).
+    uint8 multiply the texture; ``image`` is an index into the file's images. ``masked`` or ``cut_out``: texels with alpha
+    below a half are holes; where it is ``masked``, texture coordinates lie in [0, 1] (they are stored in steps of 1 / 65535).
+    n and m are at least 1 (glTF has no empty primitives).
     """
 
     positions: NDArray[np.float32]
@@ -69,6 +69,7 @@ class GlbPrimitive:
     colors: NDArray[np.uint8] | None = None
     image: int | None = None
     masked: bool = False
+    cut_out: bool = False
 
     def __post_init__(self) -> None:
         positions = np.ascontiguousarray(self.positions, dtype=np.float32)
@@ -92,6 +93,8 @@ class GlbPrimitive:
         for name in ("positions", "uv"):
             if name in arrays and not np.isfinite(arrays[name]).all():
                 raise ValueError(f"finite {name} expected, found infinities or NaN")
+        if self.masked and self.cut_out:
+            raise ValueError("a primitive that is masked or a cut-out expected, found one that is both")
         if self.masked and "uv" in arrays and not (0.0 <= arrays["uv"].min() and arrays["uv"].max() <= 1.0):
             raise ValueError("texture coordinates in [0, 1] expected where alpha masks")
         if self.image is not None and (self.uv is None or self.image < 0):
@@ -204,7 +207,7 @@ def _primitive_entry(
     if one.colors is not None:
         attributes["COLOR_0"] = arrays.colors(one.colors)
     indices = arrays.indices(one.triangles.reshape(-1), len(one.positions))
-    material = materials.setdefault((one.image, one.masked), len(materials))
+    material = materials.setdefault((one.image, one.masked or one.cut_out), len(materials))
     return {"attributes": attributes, "indices": indices, "material": material}
 
 
@@ -286,16 +289,17 @@ class _Reader:
         material = self.document["materials"][whole_number(entry["material"])]
         masked = material.get("alphaMode") == "MASK"
         layout = {
-            "POSITION": (FLOAT, "VEC3"),
-            "TEXCOORD_0": (UINT16 if masked else FLOAT, "VEC2"),
-            "COLOR_0": (UINT16, "VEC4"),
+            "POSITION": ((FLOAT,), "VEC3"),
+            "TEXCOORD_0": ((UINT16, FLOAT) if masked else (FLOAT,), "VEC2"),
+            "COLOR_0": ((UINT16,), "VEC4"),
         }
         found = {
-            key: self.array(attributes[key], (component,), kind)
-            for key, (component, kind) in layout.items()
+            key: self.array(attributes[key], components, kind)
+            for key, (components, kind) in layout.items()
             if key in attributes
         }
-        if masked and "TEXCOORD_0" in found:
+        cut_out = masked and "TEXCOORD_0" in found and found["TEXCOORD_0"].dtype.kind == "f"
+        if masked and "TEXCOORD_0" in found and not cut_out:
             found["TEXCOORD_0"] = (found["TEXCOORD_0"] / 65535.0).astype(np.float32)
         indices = self.array(entry["indices"], (UINT16, UINT32), "SCALAR").astype(np.int64).reshape(-1, 3)
         if indices.size and indices.max() >= len(found["POSITION"]):
@@ -307,5 +311,6 @@ class _Reader:
             uv=found.get("TEXCOORD_0"),
             colors=srgb_from_linear(found["COLOR_0"][:, :3] / 65535.0) if "COLOR_0" in found else None,
             image=None if texture is None else whole_number(texture["index"]),
-            masked=masked,
+            masked=masked and not cut_out,
+            cut_out=cut_out,
         )

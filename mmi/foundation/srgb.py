@@ -28,7 +28,7 @@ def srgb_from_linear(linear: NDArray[np.float64]) -> NDArray[np.uint8]:
 
 
 def png_bytes(pixels: NDArray[np.uint8], *, quick: bool = False) -> bytes:
-    """Pixels (h, w, 3) as PNG; the same pixels give the same bytes. ``quick`` makes it faster and larger."""
+    """Pixels (h, w, 3 or 4) as PNG; the same pixels give the same bytes. ``quick`` makes it faster and larger."""
     buffer = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, format="png", compress_level=1 if quick else -1)
     return buffer.getvalue()

@@ -31,7 +31,7 @@ MODES = (False, True)
 NEAR, FAR = 0.1, 20_000.0
 """Metres along the axis between which things are drawn."""
 _SAMPLE_ALPHA_TO_COVERAGE = 0x809E
-_TEXTURE_UNITS = ("picture", "depths", "ids", "parts")
+_TEXTURE_UNITS = ("picture", "depths", "ids", "parts", "panes")
 """Names of samplers. The place of a name in this list is its texture unit."""
 _COMMON = """
 uniform mat3 eye_from_world;

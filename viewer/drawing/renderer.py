@@ -120,8 +120,10 @@ class Renderer:
         meshes = MeshProgram.made_by(self._programs)
         self._sky = SkyDrawer(self._programs)
         self._ground = GroundDrawer(context, meshes, ground)
-        shining = MeshProgram.made_by(self._programs, glint=True) if glint else meshes
-        self._objects = ObjectsDrawer(context, shining, mesh)
+        of_objects = meshes
+        if glint or mesh.has_cut_outs:
+            of_objects = MeshProgram.made_by(self._programs, glint=glint, cut_outs=mesh.has_cut_outs)
+        self._objects = ObjectsDrawer(context, of_objects, mesh)
         self._layers = LayersDrawer(self._programs, self._images, measured=measured)
         self._reliefs = ReliefsDrawer(self._programs, self._images)
         self._cast = CastPixelsDrawer(self._programs, self._objects.texture)
