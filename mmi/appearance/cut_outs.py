@@ -3,8 +3,8 @@
 A texel is clear where its alpha is below 128; nothing is half clear. Of the levels that filters take, each halves the one
 before it by a box. The mean alpha of foliage lies below 128 or above it, so that from afar a crown would vanish or become a
 ball: at each level the alpha of every square of 64 texels of the finest level (larger ones where it would have fewer than 4 x 4
-texels) is multiplied by what leaves as large a share of it solid as there. All that draws and all that casts rays takes the
-levels from here.
+texels) is multiplied by what leaves as large a share of it solid as there. Where many texels have the same alpha, as of a
+regular fence, some of them become solid. All that draws and all that casts rays takes the levels from here.
 
 Source: I. Castano, Computing Alpha Mipmaps (2010), which scales the alpha of whole pictures; an atlas holds many.
 """
@@ -37,6 +37,7 @@ CLEAR_BELOW = 128
 """The least alpha of a texel that is solid."""
 _TILE = 64  # texels of the finest level
 _LEAST_TILE = 4  # texels of any level
+_STEP = 32  # how far from the limit alphas lie of which some are solid
 _BLOCK = 4  # texels a side that are clear together where triangles are told apart: less than the margin of an atlas's pictures
 
 
@@ -117,9 +118,9 @@ def texture_levels(texture: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
 
 
 def with_solid_share(alpha: NDArray[np.uint8], share: NDArray[np.uint8], *, tile: int) -> NDArray[np.uint8]:
-    """``alpha`` (h, w), multiplied in each square of ``tile`` texels a side by one factor.
+    """``alpha`` (h, w), in each square of ``tile`` texels a side so that as many are solid as ``share`` (h, w) says.
 
-    After that, as nearly as can be, as many of them are solid as ``share`` (h, w) says, of which 255 is a whole texel.
+    Of that, 255 is a whole texel. Those of the largest alpha are solid; of equal ones, some here and there.
     """
     return _shared(np.ascontiguousarray(alpha), np.ascontiguousarray(share), tile)
 
@@ -185,7 +186,7 @@ def _halved(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 @njit(cache=True)
 def _shared(alpha: NDArray[np.uint8], share: NDArray[np.uint8], tile: int) -> NDArray[np.uint8]:
-    """The twin of this kernel is in its test."""
+    """The kernel of :func:`with_solid_share`."""
     height, width = alpha.shape
     found = alpha.copy()
     for top in range(0, height, tile):
@@ -197,22 +198,30 @@ def _shared(alpha: NDArray[np.uint8], share: NDArray[np.uint8], tile: int) -> ND
                 for x in range(left, right):
                     histogram[alpha[y, x]] += 1
                     wanted += share[y, x]
-            # The texels of at least this alpha are as many as wanted, or nearest to it.
-            least, miss, solid = 256, wanted, 0
-            for value in range(255, -1, -1):
-                solid += 255 * histogram[value]
-                if histogram[value] and abs(solid - wanted) <= miss:
-                    least, miss = value, abs(solid - wanted)
-            below = least - 1
+            wanted = (wanted + 127) // 255
+            # Alpha ``value`` divides: all above it are solid, and ``needed`` of the ``equal`` that have it.
+            value, above = 255, 0
+            while value > 0 and above + histogram[value] < wanted:
+                above += histogram[value]
+                value -= 1
+            equal, needed = histogram[value], wanted - above
+            below = value - 1
             while below >= 0 and histogram[below] == 0:
                 below -= 1
-            if least == 256:
-                factor = min(1.0, (CLEAR_BELOW - 1) / max(below, 1))
+            if wanted == 0:
+                factor = min(1.0, (CLEAR_BELOW - 1) / max(value, 1))
+            elif needed < equal or value == 0:
+                factor = (CLEAR_BELOW - 0.5) / max(value, 0.5)
             elif below < 0:
-                factor = max(1.0, CLEAR_BELOW / max(least, 1))
+                factor = max(1.0, CLEAR_BELOW / value)
             else:
-                factor = (CLEAR_BELOW - 0.5) / (0.5 * (least + below))
+                factor = (CLEAR_BELOW - 0.5) / (0.5 * (value + below))
+            met = 0
             for y in range(top, bottom):
                 for x in range(left, right):
                     found[y, x] = min(255.0, np.rint(factor * alpha[y, x]))
+                    if wanted > 0 and alpha[y, x] == value and (needed < equal or value == 0):
+                        solid = (met + 1) * needed // equal > met * needed // equal
+                        found[y, x] = CLEAR_BELOW + _STEP if solid else CLEAR_BELOW - 1 - _STEP
+                        met += 1
     return found

@@ -48,19 +48,17 @@ def test_each_level_halves_the_one_before(size):
 
 @settings(deadline=None)
 @given(st.integers(1, 12), st.integers(1, 12), st.sampled_from([3, 4, 64]), st.integers(0, 9999))
-def test_a_square_keeps_as_many_solid_texels_as_can_be(height, width, tile, seed):
-    """No other threshold of the same square leaves a number nearer to the wanted one, and the order of alphas stays."""
+def test_a_square_has_as_many_solid_texels_as_it_should(height, width, tile, seed):
+    """And they are those of the largest alpha."""
     alpha, share = noise(height, width, 2, seed).transpose(2, 0, 1)
-    alpha = alpha // (1 + seed % 40)  # many equal ones
+    alpha, share = alpha // (1 + seed % 90), np.minimum(share.astype(int) * (1 + seed % 3), 255).astype(np.uint8)
     found = with_solid_share(alpha, share, tile=tile)
     for y in range(0, height, tile):
         for x in range(0, width, tile):
             before, after, wanted = (one[y : y + tile, x : x + tile].reshape(-1) for one in (alpha, found, share))
-            miss = abs(255 * int((after >= 128).sum()) - int(wanted.sum()))
-            best = min(abs(255 * int((before >= least).sum()) - int(wanted.sum())) for least in range(257))
-            assert miss == best or (before.min() == 0 and best == abs(255 * before.size - int(wanted.sum())))
-            order = np.argsort(before, kind="stable")
-            assert (np.diff(after[order].astype(int)) >= 0).all()
+            solid = after >= 128
+            assert solid.sum() == (int(wanted.sum()) + 127) // 255
+            assert before[solid].min(initial=255) >= before[~solid].max(initial=0)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.45, 0.7, 0.9])
@@ -69,7 +67,14 @@ def test_foliage_neither_vanishes_nor_fills_from_afar(share):
     texture = np.full((256, 256, 4), 255, dtype=np.uint8)
     texture[..., 3] = np.where(np.kron(rng.random((128, 128)), np.ones((2, 2))) < share, 255, 0)
     for k, level in enumerate(texture_levels(texture)[:6]):
-        assert abs((level[..., 3] >= 128).mean() - share) < 0.06, k
+        assert abs((level[..., 3] >= 128).mean() - share) < 0.035, k
+
+
+def test_a_fence_whose_bars_are_finer_than_texels_stays_as_dense():
+    texture = np.full((256, 256, 4), 255, dtype=np.uint8)
+    texture[..., 3] = np.where(np.arange(256) % 4 == 0, 255, 0)
+    for level in texture_levels(texture)[:6]:
+        assert (level[..., 3] >= 128).mean() == pytest.approx(0.25, abs=0.01)
 
 
 def test_what_is_all_solid_or_all_clear_stays_so():
