@@ -60,6 +60,12 @@ class Whereabouts:
         object.__setattr__(self, "_adjacent", adjacent)
         object.__setattr__(self, "_axes", axes)
 
+    @property
+    def adjacency(self) -> dict[str, tuple[str, ...]]:
+        """Ids of cells to those of their neighbours among the cells."""
+        ids = [cell.id for cell in self.cells]
+        return {one: tuple(ids[i] for i in around) for one, around in zip(ids, self._adjacent, strict=True)}
+
     def distances(self, eye: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) metres from (x, y) of ``eye`` (2,) or (3,) to each cell's rectangle, 0 inside."""
         return self._distances(*self._offsets(eye))

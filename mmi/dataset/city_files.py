@@ -18,9 +18,14 @@ from mmi.dataset.reading import Dataset
 from mmi.foundation.errors import DatasetError
 from mmi.foundation.srgb import png_bytes
 
-__all__ = ["city_glb", "read_city_mesh"]
+__all__ = ["city_glb", "city_meshes", "read_city_mesh"]
 
 _GROUND_MARGIN = 300.0
+
+
+def city_meshes(city: City) -> tuple[CityMesh, CityMesh]:
+    """The geometry that all cells of a dataset share, without a dataset: what :func:`read_city_mesh` reads from one."""
+    return build_city_mesh(city), ground_mesh(city, margin=_GROUND_MARGIN)
 
 
 def city_glb(city: City) -> tuple[bytes, int]:
@@ -29,7 +34,7 @@ def city_glb(city: City) -> tuple[bytes, int]:
     Nodes are the objects in the city's order, named by id, and then the tiles of the ground: ``ground/0``, ``ground/1``, ...
     Those that show cut-outs have a material with holes.
     """
-    mesh, ground = build_city_mesh(city), ground_mesh(city, margin=_GROUND_MARGIN)
+    mesh, ground = city_meshes(city)
     cut_out = cut_out_triangles(clear_blocks(mesh.texture), mesh.uv, mesh.triangles)
     nodes = [
         GlbNode(one.id, _primitives(mesh, i, image=0, cut_out=cut_out), {"base": one.base, "top": one.top})

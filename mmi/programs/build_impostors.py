@@ -17,6 +17,7 @@ from mmi.foundation.processes import usable_cores
 from mmi.planning.choices import LAYERINGS, WEIGHTS, Choice
 from mmi.planning.parameters import PICTURES, VISIBILITIES, BuildParameters
 from mmi.programs.city_arguments import add_city_arguments, read_options
+from mmi.programs.city_told import print_city_report
 from mmi.programs.command_line import (
     Parser,
     ProgressBar,
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from mmi.building.cell_choice import CellChoice
     from mmi.building.dataset import BuildSummary
     from mmi.cells.viewing_cells import CellReport
-    from mmi.reading.read_city import CityReport
 
 __all__ = ["build_impostors"]
 
@@ -241,7 +241,7 @@ def _build(options: argparse.Namespace) -> None:
     )
     make_folder(options.output)
     with suppress(SystemExit):  # rich leaves when nobody reads its output any more (| head): the build goes on
-        _print_report(talk, report)
+        print_city_report(talk, report)
         _print_cells(talk, chosen)
     with ProgressBar("cells", quiet=options.quiet) as advance:
         summary = build_dataset(
@@ -296,22 +296,6 @@ def _longest(options: argparse.Namespace) -> float | None:
     if options.longest_object is None:
         return None if options.objects == "blocks" else BuildParameters().longest_object
     return options.longest_object or None
-
-
-def _print_report(talk: Console, report: CityReport) -> None:
-    from rich.table import Table
-
-    table = Table(title=f"{report.source}, {report.crs}", title_justify="left", box=None, pad_edge=False)
-    for heading in ("", "what", "count", ""):
-        table.add_column(heading, justify="right" if heading == "count" else "left", overflow="fold")
-    last = ""
-    for section, what, count, detail in report.rows():
-        if section != "warning":
-            table.add_row("" if section == last else section, what, count, detail)
-        last = section
-    talk.print(table)
-    for warning in report.warnings:
-        talk.print(f"warning: {warning}", soft_wrap=True)
 
 
 def _print_cells(talk: Console, chosen: CellChoice) -> None:

@@ -7,22 +7,28 @@ from __future__ import annotations
 
 import argparse
 
+from mmi.foundation.errors import ParameterError
 from mmi.programs.command_line import numbers_option, path_option
 from mmi.reading.read_options import HEIGHT_UNITS, NETWORKS, OBJECTS, UP_AXES, ReadOptions
 
-__all__ = ["add_city_arguments", "read_options"]
+__all__ = ["CITY_FILES", "add_city_arguments", "add_reading_arguments", "read_options", "refuse_reading_arguments"]
+
+CITY_FILES = (
+    "OpenStreetMap .osm or .osm.pbf, footprints in a format that GDAL reads, or a 3D model: CityJSON, CityGML (also a folder "
+    "or zip of tiles), glTF, OBJ, PLY, STL"
+)
+"""What can be read, for people."""
 
 
 def add_city_arguments(parser: argparse.ArgumentParser) -> None:
     """Add CITY and every option of ``ReadOptions``, by its name, with its default."""
+    parser.add_argument("city", type=path_option, metavar="CITY", help=CITY_FILES)
+    add_reading_arguments(parser)
+
+
+def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add every option of ``ReadOptions``, by its name, with its default, without CITY."""
     default = ReadOptions()
-    parser.add_argument(
-        "city",
-        type=path_option,
-        metavar="CITY",
-        help="OpenStreetMap .osm or .osm.pbf, footprints in a format that GDAL reads, or a 3D model: CityJSON, CityGML (also a "
-        "folder or zip of tiles), glTF, OBJ, PLY, STL",
-    )
     city = parser.add_argument_group("the city")
     city.add_argument("--streets", type=path_option, metavar="FILE", help="streets, where CITY holds only buildings")
     city.add_argument(
@@ -70,6 +76,17 @@ def read_options(arguments: argparse.Namespace) -> ReadOptions:
         ParameterError: an option means nothing.
     """
     return ReadOptions(**{name: getattr(arguments, name) for name in ReadOptions.__slots__})
+
+
+def refuse_reading_arguments(arguments: argparse.Namespace, found: str) -> None:
+    """Raises ParameterError for an option that :func:`add_reading_arguments` added and somebody gave, where nothing is read.
+
+    ``found`` says what there is instead of a city.
+    """
+    default = ReadOptions()
+    for name in ReadOptions.__slots__:
+        if getattr(arguments, name) != getattr(default, name):
+            raise ParameterError(f"--{name.replace('_', '-')}: a city to read expected, found {found}")
 
 
 def _box(text: str) -> tuple[float, ...]:

@@ -71,19 +71,19 @@ def frame_summary(seconds: Sequence[float]) -> dict[str, float]:
 
 
 def settling_summary(
-    alike: Sequence[int | None], settled: Sequence[int | None], layers: Sequence[int], *, held: int
+    alike: Sequence[int | None], settled: Sequence[int | None], layers: Sequence[int] | None, *, held: int
 ) -> dict[str, Any]:
     """After how many frames a technique's views were like the geometry, of views that were ``held`` for so many frames.
 
     ``alike`` counts frames before the first that was like the geometry's (:func:`viewer.measuring.view_errors.alike`),
     ``settled`` those before nothing was left to capture; both have None for a view that never came there. ``layers`` says how
-    many layers a view shows.
+    many layers a view shows; None where there are none, as without a dataset.
 
     - ``alike_frames``: p50, p99 and max over the views that came there, null where none did; ``unlike``: the others;
     - ``settled_frames`` and ``unsettled``: the same of views that settled;
-    - ``layers``: p50 and max over all views;
+    - ``layers``: p50 and max over all views, null where there are none;
     - ``later_than_layers``: how many views took more frames to be like the geometry than they have layers. One that never was
-      took as many as it was held for at least, and counts where those are more.
+      took as many as it was held for at least, and counts where those are more. Null where there are no layers.
 
     Raises ValueError for no views at all.
     """
@@ -93,6 +93,8 @@ def settling_summary(
     for name, rest, some in (("alike_frames", "unlike", alike), ("settled_frames", "unsettled", settled)):
         known = [one for one in some if one is not None]
         found |= {name: _percentiles(known, 50, 99) if known else None, rest: len(some) - len(known)}
+    if layers is None:
+        return found | {"layers": None, "later_than_layers": None}
     return found | {
         "layers": _percentiles(layers, 50),
         "later_than_layers": sum(

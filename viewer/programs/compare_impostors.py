@@ -8,21 +8,26 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import TYPE_CHECKING, Final, NoReturn
 
+from mmi.foundation.camera import Camera
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.processes import usable_cores
+from mmi.programs.city_arguments import CITY_FILES, add_reading_arguments, read_options, refuse_reading_arguments
+from mmi.programs.city_told import print_warnings
 from mmi.programs.command_line import (
     Parser,
     ProgressBar,
     names_option,
     path_option,
     run_program,
+    size_option,
 )
+from viewer.programs.comparison_told import print_comparison
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
+    from mmi.city.model import City
+    from mmi.reading.read_city import CityReport
     from mmi.walks.walk import Walk
     from viewer.scene.scene import WalkScene
 
@@ -30,6 +35,11 @@ __all__ = ["compare_impostors"]
 
 _TECHNIQUES = "full,visible,local,single-mesh,multi-mesh"
 _MORE = "multi-mesh-dynamic"
+_OF_CITIES = "full"
+"""What is compared where a city is drawn as it was read."""
+_DISPLAY = (512, 512)
+_FOV = 60.0
+"""What a city is drawn for, if nobody says: what build-impostors builds for."""
 _TOUR_METRES = 300.0
 _VIEWS = 50
 _MOVERS_ERROR = 1.0
@@ -44,13 +54,16 @@ examples:
   compare-impostors out/helsinki -o out/walk --path walk.json
   compare-impostors out/helsinki -o out/traffic --tour 100 --movers out/helsinki.traffic.json --video
   compare-impostors out/helsinki -o out/mine --techniques full,multi-mesh,my_module:my_technique
+  compare-impostors out/helsinki -o out/wide --display 1920x1080          pictures of another display than it was built for
+  compare-impostors examples/helsinki/helsinki.osm.pbf -o out/city --techniques full,my_module:my_technique
+                                                                          a city as it is, without a dataset
 
 Open DIR/report.html; DIR/report.json has the same figures, and DIR/worst the worst views.
 """
 
 
 def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
-    """``compare-impostors OUT -o DIR``: how wrong and how fast techniques are, next to the geometry."""
+    """``compare-impostors OUT|CITY -o DIR``: how wrong and how fast techniques are, next to the geometry."""
     parser = Parser(
         prog="compare-impostors",
         description="Draw views of a dataset with several techniques and with the geometry, and report how they differ: "
@@ -58,7 +71,12 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         epilog=_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("dataset", type=path_option, metavar="OUT", help="folder that build-impostors wrote")
+    parser.add_argument(
+        "source",
+        type=path_option,
+        metavar="OUT|CITY",
+        help="folder that build-impostors wrote; or a city, for techniques that need no impostors: " + CITY_FILES,
+    )
     parser.add_argument("-o", "--output", type=path_option, required=True, metavar="DIR", help="folder for the report")
     where = parser.add_argument_group("from where").add_mutually_exclusive_group()
     where.add_argument(
@@ -76,7 +94,7 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         nargs="?",
         const=_TOUR_METRES,
         metavar="METRES",
-        help=f"along a walk that is made for the dataset's streets (default length: {_TOUR_METRES:g} m)",
+        help=f"along a walk that is made for the streets (default length: {_TOUR_METRES:g} m)",
     )
     parser.add_argument(
         "--seed", type=int, default=1, metavar="S", help="seed of random views and tours (default: %(default)s)"
@@ -84,11 +102,24 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
     parser.add_argument(
         "--techniques",
         type=names_option,
-        default=names_option(_TECHNIQUES),
         metavar="A,B,...",
-        help=f"default: {_TECHNIQUES}; there is also {_MORE}, whose views want to be held (--settle); "
-        "package.module:function is a technique of your own (a function of the scene, in a module that can be imported or is "
-        "in the current folder)",
+        help=f"default: {_TECHNIQUES}; for a CITY {_OF_CITIES}, which is all that needs no dataset; there is also {_MORE}, whose "
+        "views want to be held (--settle); package.module:function is a technique of your own (a function of the scene, in a "
+        "module that can be imported or is in the current folder)",
+    )
+    add_reading_arguments(parser)
+    display = parser.add_argument_group("the display")
+    display.add_argument(
+        "--display",
+        type=size_option,
+        metavar="WxH",
+        help=f"pixels (default: what the dataset was built for; {_DISPLAY[0]}x{_DISPLAY[1]} for a CITY)",
+    )
+    display.add_argument(
+        "--fov",
+        type=float,
+        metavar="DEG",
+        help=f"across the display (default: what the dataset was built for; {_FOV:g} for a CITY)",
     )
     frames = parser.add_argument_group("frames")
     frames.add_argument(
@@ -194,17 +225,28 @@ def _compare(options: argparse.Namespace) -> None:
     if not 1.0 <= options.cache <= 1e6:
         raise ParameterError(f"--cache: 1 to 1000000 MB expected, found {options.cache:g}")
 
+    city_of = None if _is_dataset(options.source) else options.source
+    if city_of is None:
+        refuse_reading_arguments(options, f"the dataset {options.source}, whose city was read when it was built")
+    else:
+        reading = read_options(options)
+        if city_of.is_dir() and city_of.resolve() in (options.output.resolve(), *options.output.resolve().parents):
+            raise ParameterError(f"{options.output}: a folder outside of {city_of} expected")
+
     from mmi.movers.movers import NOTHING_MOVES
     from mmi.movers.movers_file import read_movers
+    from mmi.planning.parameters import BuildParameters
+    from mmi.reading.read_city import read_city
     from mmi.walks.walk import read_walk, write_walk
     from viewer.report.compare import CompareOptions, compare_views, compare_walk
+    from viewer.techniques.catalogue import refuse_without_dataset
     from viewer.techniques.virtual_frames import FrameRules
     from viewer.walks.tour import tour
 
     moving = NOTHING_MOVES if options.movers is None else read_movers(options.movers)
     try:
         chosen = CompareOptions(
-            techniques=tuple(options.techniques),
+            techniques=tuple(_techniques(options.techniques, of_city=city_of is not None)),
             frames_per_second=options.fps,
             settle=1 if options.settle is None else options.settle,
             budget_ms=options.budget_ms,
@@ -223,26 +265,36 @@ def _compare(options: argparse.Namespace) -> None:
                 calculation=options.movers_validity or _MOVERS_VALIDITY,
             ),
             movers_time=0.0 if options.movers_time is None else options.movers_time,
+            camera=_camera(options, of_city=city_of is not None),
+            longest_object=None if options.objects == "blocks" else BuildParameters().longest_object,
         )
+        if city_of is not None:
+            refuse_without_dataset(chosen.entries, str(city_of))
     except ParameterError as error:
         name, colon, rest = str(error).partition(":")
         names = {"frames_per_second": "fps", "budget_ms": "budget-ms", "samples": "antialias", "keep": "worst"}
-        names |= {"limit_px": "movers-error", "movers_time": "movers-time"}
-        raise ParameterError(f"--{names.get(name, name)}{colon}{rest}") from None
+        names |= {"limit_px": "movers-error", "movers_time": "movers-time", "camera": "display, --fov"}
+        option = name if name.startswith("--") else f"--{names.get(name, name)}"
+        raise ParameterError(f"{option}{colon}{rest}") from None
     _check_movers(options, walking=walking)
     path = read_walk(options.path) if options.path is not None else None
 
     def made(scene: WalkScene) -> Walk:
-        neighbours = {entry.id: entry.neighbours for entry in scene.dataset.manifest.cells}
-        walk = tour(scene.whereabouts.cells, neighbours, metres=options.tour, speed=options.speed, seed=options.seed)
+        places = scene.whereabouts
+        walk = tour(places.cells, places.adjacency, metres=options.tour, speed=options.speed, seed=options.seed)
         if options.save_path is not None:
             write_walk(walk, options.save_path)
         return walk
 
+    source: Path | City = options.source
+    read: CityReport | None = None
+    if city_of is not None:
+        with ProgressBar("steps of reading", quiet=options.quiet) as tell:
+            source, read = read_city(city_of, reading, progress=tell)
     with ProgressBar("comparison", quiet=options.quiet) as tell:
         if path is not None or options.tour is not None:
             report = compare_walk(
-                options.dataset,
+                source,
                 options.output,
                 path if path is not None else made,
                 mode="path" if path is not None else "tour",
@@ -252,13 +304,49 @@ def _compare(options: argparse.Namespace) -> None:
         else:
             views = _VIEWS if options.views is None else options.views
             report = compare_views(
-                options.dataset, options.output, views=views, seed=options.seed, options=chosen, progress=tell
+                source, options.output, views=views, seed=options.seed, options=chosen, progress=tell
             )
+    if read is not None:
+        _print_reading(read, options)
     if options.json:
         print(json.dumps(report, indent=1))
     elif not options.quiet:
         with suppress(SystemExit):  # rich leaves when nobody reads its output any more (| head)
-            _print_table(report, options.output)
+            print_comparison(report, options.output)
+
+
+def _is_dataset(path: Path) -> bool:
+    """Whether a path is a dataset's folder, be it one that a build did not finish."""
+    return any((path / name).exists() for name in ("manifest.json", "cells"))
+
+
+def _techniques(names: list[str] | None, *, of_city: bool) -> list[str]:
+    return names_option(_OF_CITIES if of_city else _TECHNIQUES) if names is None else names
+
+
+def _camera(options: argparse.Namespace, *, of_city: bool) -> Camera | None:
+    """The display that was asked for; None where none was. What is not said is as usual."""
+    if options.display is None and options.fov is None:
+        return None
+    size, fov = _DISPLAY, math.radians(_FOV)
+    if not of_city and None in (options.display, options.fov):
+        from mmi.dataset.reading import open_dataset
+
+        built_for = open_dataset(options.source).manifest.parameters.camera
+        size, fov = (built_for.width, built_for.height), built_for.fov
+    width, height = size if options.display is None else options.display
+    try:
+        return Camera(width, height, fov if options.fov is None else math.radians(options.fov))
+    except ParameterError as error:
+        raise ParameterError(f"--display, --fov: {error}") from None
+
+
+def _print_reading(report: CityReport, options: argparse.Namespace) -> None:
+    """The warnings of a city that was read, as a build gives them."""
+    from rich.console import Console
+
+    with suppress(SystemExit):  # rich leaves when nobody reads its output any more (| head)
+        print_warnings(Console(stderr=options.json, quiet=options.quiet, highlight=False), report)
 
 
 def _check_movers(options: argparse.Namespace, *, walking: bool) -> None:
@@ -268,81 +356,3 @@ def _check_movers(options: argparse.Namespace, *, walking: bool) -> None:
             raise ParameterError(f"--{name.replace('_', '-')}: objects that move expected (--movers FILE), found none")
     if options.movers_time is not None and walking:
         raise ParameterError("--movers-time: views expected (--views), found a walk, on which objects move")
-
-
-def _print_settling(report: dict[str, Any], talk: Console) -> None:
-    """After how many frames views were like the geometry, where they were held."""
-    held = {name: one["settling"] for name, one in report["techniques"].items() if one["settling"] is not None}
-    if not held:
-        return
-    layers = next(iter(held.values()))["layers"]
-    talk.print(
-        f"\nviews that were held for {report['held_frames']} frames, and have {layers['p50']:g} / {layers['max']:g} layers:"
-    )
-    for name, one in held.items():
-        talk.print(
-            f"  {name}: {_frames_told('like the geometry', one['alike_frames'])}, {one['unlike']} not, "
-            f"{one['later_than_layers']} after more frames than layers; "
-            f"{_frames_told('settled', one['settled_frames'])}, {one['unsettled']} not",
-            soft_wrap=True,
-        )
-    talk.print("frames: p50 / p99 / max of the views that came there; layers: p50 / max", style="dim")
-
-
-def _frames_told(what: str, after: dict[str, float] | None) -> str:
-    return (
-        f"none {what}"
-        if after is None
-        else f"{what} after {after['p50']:g} / {after['p99']:.3g} / {after['max']:g} frames"
-    )
-
-
-def _print_movers(report: dict[str, Any], talk: Console) -> None:
-    """How what moves was drawn, where something does."""
-    if report["movers"] is None:
-        return
-    talk.print(f"\n{report['movers']['objects']} moving objects of {report['movers']['source']}, in a frame's view:")
-    for name, entry in report["techniques"].items():
-        one = entry["movers"]
-        images = f"{one['captured'] + one['reused']:.1f} as images"
-        if one["valid_frames"] is not None:
-            images += f", which last {one['valid_frames']:.1f} frames"
-        talk.print(f"  {name}: {one['geometry']:.1f} as geometry, {one['hidden']:.1f} hidden, {images}")
-
-
-def _print_table(report: dict[str, Any], out: Path) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    talk = Console(highlight=False, markup=False)
-    if not talk.is_terminal:
-        talk = Console(highlight=False, markup=False, width=120)
-    title = f"{report['dataset']['name']}: {report['views']} views at {report['display']['width']} x "
-    title += f"{report['display']['height']}, drawn by {report['device']}"
-    table = Table(title=title, title_justify="left", title_style="", box=None, pad_edge=False)
-    table.add_column("technique", no_wrap=True)
-    for heading in ("holes %", "wrong %", "thickness px", "displacement px", "FLIP", "PSNR", "SSIM", "frame ms"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for name, one in report["techniques"].items():
-        thick, moved, frame = one["wrong_thickness_px"], one["displacement_px"], one["frame_ms"]
-        times = f"{frame['p50']:.1f} / {frame['p99']:.1f}"
-        if name == report["reference"]:
-            table.add_row(name, "-", "-", "-", "-", "-", "-", "-", times)
-            continue
-        table.add_row(
-            name,
-            f"{100.0 * one['hole_share']:.3f}",
-            f"{100.0 * one['wrong_share']:.3f}",
-            f"{thick['p50']:.0f} / {thick['p99']:.0f} / {thick['max']:.0f}",
-            f"{moved['p50']:.1f} / {moved['p99']:.1f} / {moved['max']:.1f}",
-            "-" if one["flip"] is None else f"{one['flip']['mean']:.4f}",
-            "equal" if one["psnr_db"] is None else f"{one['psnr_db']:.1f} / {one['psnr_worst_db']:.1f}",
-            f"{one['ssim']:.4f}",
-            times,
-        )
-    talk.print(table)
-    note = "thickness and displacement: p50 / p99 / max; PSNR: mean / worst; frame: p50 / p99; - is not measured"
-    talk.print(note, style="dim")
-    _print_settling(report, talk)
-    _print_movers(report, talk)
-    talk.print(f"{out / 'report.html'}", soft_wrap=True)

@@ -1,5 +1,7 @@
 """Comparing techniques: random views inside cells, or a walk, drawn by each of them and by the geometry (DESIGN section 6).
 
+What is walked through is a dataset, or a city as it was read, where techniques need no impostors.
+
     compare_views    how wrong techniques are in views that no capture has seen, and how fast each view is drawn
     compare_walk     a walk with its frame loop and its loading, each technique with empty caches; then views spread over it
 
@@ -9,13 +11,16 @@ is what techniques are compared with, so it is drawn and timed, and has no error
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mmi.city.model import City
 from mmi.dataset.reading import Dataset, open_dataset
+from mmi.foundation.camera import Camera
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.progress import Progress, silent
 from mmi.walks.walk import Step, Walk
@@ -39,24 +44,26 @@ from viewer.report.entries import (
     worst_views,
 )
 from viewer.report.held_views import HeldView, alike_after, held_again, hold_view, layers_shown, settled_frames
-from viewer.report.options import CompareOptions
+from viewer.report.options import OF_CITIES, CompareOptions
 from viewer.report.page import write_report
 from viewer.report.walk_scores import score_walk, spread
 from viewer.runtime.calibration import calibrated
 from viewer.runtime.loop import Frame, FrameLoop, FrameTimes, run_walk
-from viewer.scene.scene import WalkScene, open_scene
-from viewer.techniques.catalogue import MAIN, REFERENCE, make_technique
+from viewer.scene.scene import WalkScene, open_scene, scene_of_city
+from viewer.techniques.catalogue import MAIN, REFERENCE, make_technique, refuse_without_dataset
 from viewer.techniques.virtual_frames import FrameTally
 from viewer.walks.random_views import random_views
 
 __all__ = ["CompareOptions", "compare_views", "compare_walk"]
 
+_DISPLAY = Camera(512, 512, math.radians(60.0))
+"""What a city is drawn for if nobody says: what builds are for (the paper's experiment)."""
 _LONGEST_WEBP = 2 << 30
 """The frames of an animated WebP may take this many bytes: it is made of all of them at once."""
 
 
 def compare_views(
-    dataset: Path,
+    source: Path | City,
     out: Path,
     *,
     views: int,
@@ -64,13 +71,14 @@ def compare_views(
     options: CompareOptions | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Compare techniques in ``views`` random views inside the dataset's cells; the report that was written into ``out``.
+    """Compare techniques in ``views`` random views inside the cells; the report that was written into ``out``.
 
+    ``source`` is the folder of a dataset, or a city to draw as it was read, by techniques that need no dataset.
     Each view is held for as many frames as ``options.settle`` says, all of which are timed, and the last one is scored.
     ``progress`` is called with (done, of all, what is being done). Raises ParameterError, DatasetError, CaptureError.
     """
-    options, tell = options or CompareOptions(), progress or silent
-    main = _open(dataset, out, options)
+    options, tell = options or _usual(source), progress or silent
+    main = _open(source, out, options)
     poses = random_views(main.whereabouts.cells, views, seed=seed, terrain=main.terrain)
     cells = [main.whereabouts.cell_at(np.array(pose.eye), current=None) for _, pose in poses]
     scenes = _scenes(main, out, cells, options, tell)
@@ -79,7 +87,7 @@ def compare_views(
     held: dict[str, list[HeldView]] = {entry.name: [] for entry in options.entries}
     settled: dict[str, list[int | None]] = {entry.name: [] for entry in options.entries}
     alike: dict[str, list[int | None]] = {entry.name: [] for entry in options.entries}
-    layers: list[int] = []
+    layers: list[int] | None = None if main.built is None else []
     tallies: dict[str, list[FrameTally]] = {entry.name: [] for entry in options.entries}
     with (
         Renderer(
@@ -92,7 +100,8 @@ def compare_views(
         for done, (_, pose) in enumerate(poses):
             tell(done, views, "views timed")
             view = pose.view(main.camera)
-            layers.append(layers_shown(make_technique(MAIN, scenes).plan(view, now=0.0, budget=Budget())))
+            if layers is not None:
+                layers.append(layers_shown(make_technique(MAIN, scenes).plan(view, now=0.0, budget=Budget())))
             for entry in options.entries:
                 technique = make_technique(entry, scenes, frames=options.mover_frames, at=options.movers_time)
                 found = hold_view(
@@ -156,7 +165,7 @@ def compare_views(
 
 
 def compare_walk(
-    dataset: Path,
+    source: Path | City,
     out: Path,
     walk: Walk | Callable[[WalkScene], Walk],
     *,
@@ -166,11 +175,12 @@ def compare_walk(
 ) -> dict[str, Any]:
     """Compare techniques along a walk, or one made from the scene; the report that was written into ``out``.
 
+    ``source`` is the folder of a dataset, or a city to draw as it was read, by techniques that need no dataset.
     ``mode`` is what the report calls it: ``path`` or ``tour``. ``progress`` is called with (done, of all, what is being done).
     Raises ParameterError, DatasetError, CaptureError.
     """
-    options, tell = options or CompareOptions(), progress or silent
-    main = _open(dataset, out, options)
+    options, tell = options or _usual(source), progress or silent
+    main = _open(source, out, options)
     if not isinstance(walk, Walk):
         walk = walk(main)
     steps = walk.frames(options.frames_per_second)
@@ -249,17 +259,37 @@ def compare_walk(
 # ------------------------------------------------------------------------------------------------- what is opened
 
 
-def _open(dataset: Path, out: Path, options: CompareOptions) -> WalkScene:
-    """The scene of a dataset, with a folder for its report outside of it, where no build touches the dataset."""
+def _usual(source: Path | City) -> CompareOptions:
+    """How to compare if nobody says."""
+    return CompareOptions(techniques=OF_CITIES) if isinstance(source, City) else CompareOptions()
+
+
+def _open(source: Path | City, out: Path, options: CompareOptions) -> WalkScene:
+    """The scene of a dataset or a city, and a folder for its report."""
+    if isinstance(source, City):
+        refuse_without_dataset(options.entries, source.source)
+        scene = scene_of_city(
+            source,
+            name=MAIN,
+            camera=options.camera or _DISPLAY,
+            longest_object=options.longest_object,
+            movers=options.movers,
+        )
+    else:
+        scene = _opened(source, out, options)
+    out.mkdir(parents=True, exist_ok=True)
+    return scene
+
+
+def _opened(dataset: Path, out: Path, options: CompareOptions) -> WalkScene:
+    """The scene of a dataset. The report's folder has to be outside of it, where no build touches it."""
     found: Dataset = open_dataset(dataset)
     here, inside = found.path.resolve(), out.resolve()
     if here in (inside, *inside.parents, (inside / "single-mesh").resolve()):
         raise ParameterError(f"{out}: a folder outside the dataset {dataset} expected")
     if found.manifest.parameters.layering == "single":
         raise ParameterError(f"{dataset}: a dataset of several layers expected, found one built with --layering single")
-    scene = open_scene(found, name=MAIN, movers=options.movers)
-    out.mkdir(parents=True, exist_ok=True)
-    return scene
+    return open_scene(found, name=MAIN, camera=options.camera, movers=options.movers)
 
 
 def _scenes(

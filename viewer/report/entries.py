@@ -16,6 +16,7 @@ from viewer.measuring.summary import ERRORS, frame_summary, summarise
 from viewer.plan import Done, Technique
 from viewer.report.options import CompareOptions
 from viewer.report.pictures import save_picture, triptych
+from viewer.report.promise import display_of, source_of
 from viewer.runtime.loop import FrameTimes
 from viewer.scene.scene import WalkScene
 from viewer.techniques.catalogue import REFERENCE, TechniqueEntry
@@ -36,8 +37,6 @@ __all__ = [
     "worst_views",
 ]
 
-_RASTERS = 2.0
-"""Pixels that the rasters of reference and textures may add to the error that a dataset was built for (DESIGN section 6)."""
 _LATE = 1.1
 """A frame is late where it takes more than this many times what it should take (DESIGN section 6)."""
 _AWKWARD = re.compile(r"[^\w.-]+")
@@ -55,23 +54,13 @@ def report_of(
     techniques: dict[str, dict[str, Any]],
 ) -> dict[str, Any]:
     """The part of a report that views and walks have in common; ``views`` is how many were scored of each technique."""
-    camera = scene.camera
-    manifest = scene.dataset.manifest
-    promised = [cell.promised_error_px for cell in manifest.cells if cell.promised_error_px is not None]
     rate = {name: 1.0 / max(one["frame_ms"]["p50"], 1e-9) for name, one in techniques.items()}
     return {
-        "format_version": 3,
+        "format_version": 4,
         "program": "compare-impostors",
-        "dataset": {
-            "name": scene.dataset.path.resolve().name,
-            "source": manifest.city.source,
-            "max_error_px": scene.parameters.max_error_px,
-            "promised_px": max(promised) + _RASTERS if promised else None,
-            "promising_cells": len(promised),
-            "cells": len(manifest.cells),
-        },
+        "source": source_of(scene),
         "device": device,
-        "display": {"width": camera.width, "height": camera.height, "fov_deg": math.degrees(camera.fov)},
+        "display": display_of(scene.camera),
         "reference": REFERENCE,
         "mode": mode,
         "views": views,

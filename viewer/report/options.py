@@ -7,17 +7,23 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from mmi.foundation.camera import Camera
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.plug_ins import PlugIn
 from mmi.movers.movers import NOTHING_MOVES, Movers
-from viewer.techniques.catalogue import TechniqueEntry, find_technique
+from mmi.planning.parameters import BuildParameters
+from viewer.techniques.catalogue import TECHNIQUES, TechniqueEntry, find_technique
 from viewer.techniques.virtual_frames import FrameRules
 
-__all__ = ["CompareOptions"]
+__all__ = ["OF_CITIES", "CompareOptions"]
 
 _USUAL = ("full", "visible", "local", "single-mesh", "multi-mesh")
 """What is compared if nobody says; one whose pictures depend on how long a view is held has to be asked for."""
+OF_CITIES = tuple(name for name, entry in TECHNIQUES.items() if not entry.cells)
+"""What is compared if nobody says, where a city is drawn as it was read."""
 _SAMPLES = (0, 2, 4, 8, 16)
+_MOST_PIXELS = 8192
+"""Of a display a side, and of its focal length, as in builds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +38,9 @@ class CompareOptions:
     which each random view is held, the last of which is scored; ``budget_ms`` milliseconds of a frame that updates may take at
     most: infinity leaves them what the frame leaves, 0 forbids them; ``movers`` is what moves in the city, which layered
     techniques show by the rules of ``mover_frames``; in random views it stands as it is at ``movers_time`` seconds. ``glint``:
-    windows of painted facades mirror the sun.
+    windows of painted facades mirror the sun. ``camera`` is the display that is compared on; None: the one that the dataset
+    was built for, or for a city 512 x 512 pixels and 60 degrees. Objects of a city longer than ``longest_object`` metres are
+    cut, as builds cut them; None cuts none.
     """
 
     techniques: tuple[str | Callable[..., Any] | PlugIn, ...] = _USUAL
@@ -51,6 +59,8 @@ class CompareOptions:
     mover_frames: FrameRules = field(default_factory=FrameRules)
     movers_time: float = 0.0
     glint: bool = False
+    camera: Camera | None = None
+    longest_object: float | None = BuildParameters().longest_object
     entries: tuple[TechniqueEntry, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -75,6 +85,14 @@ class CompareOptions:
             value = getattr(self, name)
             if not (math.isfinite(value) and least <= value <= most):
                 raise ParameterError(f"{name}: a number from {least:g} to {most:g} expected, found {value!r}")
+        if self.longest_object is not None and not 10.0 <= self.longest_object < math.inf:
+            raise ParameterError(f"longest_object: 10 metres or more, or none, expected, found {self.longest_object!r}")
+        shown = self.camera
+        if shown is not None and max(shown.width, shown.height, shown.focal) > _MOST_PIXELS:
+            raise ParameterError(
+                f"camera: at most {_MOST_PIXELS} pixels a side and a focal length of at most {_MOST_PIXELS} pixels expected, "
+                f"found {shown.width}x{shown.height} and {shown.focal:.0f}"
+            )
         if not self.budget_ms >= 0.0:
             raise ParameterError(f"budget_ms: 0 or more expected, found {self.budget_ms!r}")
         if self.samples not in _SAMPLES:

@@ -66,8 +66,13 @@ def write_report(report: Mapping[str, Any], folder: Path) -> tuple[Path, Path]:
 
 def _page(report: Mapping[str, Any], folder: Path) -> str:
     """The whole HTML document."""
-    title = f"Impostors of {escape(report['dataset']['name'])} against geometry"
-    promise = report["dataset"]["promised_px"]
+    source = report["source"]
+    name, promise = escape(source["name"]), source["promised_px"]
+    title = (
+        f"Impostors of {name} against geometry"
+        if source["kind"] == "dataset"
+        else f"{name}, techniques against geometry"
+    )
     scored = {name: views for name, views in report["scored"].items() if views}
     plots = []
     if report["series"]:
@@ -88,7 +93,8 @@ def _page(report: Mapping[str, Any], folder: Path) -> str:
         plots.append(
             _figure(
                 settling(scored, held=report["held_frames"]),
-                "The share of views that were like the geometry after so many frames; dashed: that have at most so many layers",
+                "The share of views that were like the geometry after so many frames"
+                + ("; dashed: that have at most so many layers" if source["kind"] == "dataset" else ""),
             )
         )
     parts = [
@@ -98,7 +104,7 @@ def _page(report: Mapping[str, Any], folder: Path) -> str:
         "<h2>Errors</h2>",
         table(report, WRONG),
         table(report, LIKENESS),
-        f"<p>{_promise(report)}</p>",
+        *([f"<p>{_promise(report)}</p>"] if source["kind"] == "dataset" else []),
         table(report, UPDATES),
         glossary(report, (*WRONG, *LIKENESS, *UPDATES)),
         "<h2>Speed</h2>",
@@ -123,7 +129,7 @@ def _page(report: Mapping[str, Any], folder: Path) -> str:
 
 def _summary(report: Mapping[str, Any]) -> str:
     """What was compared with what, where and how, in a few sentences."""
-    dataset, display, walk = report["dataset"], report["display"], report["walk"]
+    source, display, walk = report["source"], report["display"], report["walk"]
     names = [name for name in report["techniques"] if name != report["reference"]]
     listed = " and ".join(part for part in (", ".join(names[:-1]), *names[-1:]) if part) or "nothing"
     if walk is None:
@@ -142,12 +148,22 @@ def _summary(report: Mapping[str, Any]) -> str:
         views += f", with at most {plain(report['budget_ms'])} ms of a frame for updates"
     if report.get("glint"):
         views += ", while windows mirror the sun,"
-    size = f"{display['width']}\N{NO-BREAK SPACE}×\N{NO-BREAK SPACE}{display['height']}"
+    made = (
+        f"The dataset {source['name']} has {counted(source['cells'], 'cell')} and was made from {source['city']}."
+        if source["kind"] == "dataset"
+        else f"The city {source['name']} was drawn as it was read, without a dataset; its streets have "
+        f"{counted(source['cells'], 'cell')}, in which views are taken."
+    )
     return escape(
         f"This page compares {listed} with {report['reference']}, which draws all of the geometry, in {views}, at "
-        f"{size} pixels and {plain(display['fov_deg'])}° on {report['device']}. "
-        f"The dataset {dataset['name']} has {counted(dataset['cells'], 'cell')} and was made from {dataset['source']}."
+        f"{_screen(display)} on {report['device']}. {made}"
     )
+
+
+def _screen(display: Mapping[str, Any]) -> str:
+    """A display in words."""
+    size = f"{display['width']}\N{NO-BREAK SPACE}×\N{NO-BREAK SPACE}{display['height']}"
+    return f"{size} pixels and {plain(display['fov_deg'])}°"
 
 
 def _times(report: Mapping[str, Any]) -> str:
@@ -160,22 +176,33 @@ def _times(report: Mapping[str, Any]) -> str:
 
 def _promise(report: Mapping[str, Any]) -> str:
     """What the dataset promises, as HTML."""
-    built, promise = report["dataset"]["max_error_px"], report["dataset"]["promised_px"]
+    source = report["source"]
+    promise, threshold, built_for = source["promised_px"], source["max_error_px"], source["built_for"]
+    built = f"<b>multi-mesh</b> was built for an error of {plain(built_for['max_error_px'])} px"
+    screen = {name: built_for[name] for name in ("width", "height", "fov_deg")}
+    other = screen != report["display"]
+    if other:
+        built += f" of another display, {_screen(screen)}, which is {plain(threshold)} px in the middle of this one"
+    if not source["promising_cells"]:
+        return (
+            f"{built}, but none of the cells promises to keep to it: manifest.json says of each cell why. Other techniques "
+            "promise nothing either."
+        )
     if promise is None:
         return (
-            f"<b>multi-mesh</b> was built for an error of {plain(built)} px, but none of the cells promises to keep to it: "
-            "manifest.json says of each cell why. Other techniques promise nothing either."
+            f"{built}. Nothing is promised of how thick wrong regions are on this one, which sees farther aside, up or down, "
+            "where pixels are finer: surfaces are to be displaced by no more than that angle. Other techniques promise nothing."
         )
-    promising, cells = report["dataset"]["promising_cells"], report["dataset"]["cells"]
+    promising, cells = source["promising_cells"], source["cells"]
     where = (
         ""
         if promising == cells
         else f" in {promising:,} of the {counted(cells, 'cell')}; it promises nothing in the others"
     )
     return (
-        f"<b>multi-mesh</b> was built for an error of {plain(built)} px and promises that no wrong region is thicker than "
-        f"<b>{plain(promise)}&nbsp;px</b> ({plain(promise - built)} px for the rasters of geometry and textures){where}. Other "
-        'techniques promise nothing. Larger values are <span class="over">▲ marked</span>.'
+        f"{built}{', ' if other else ' '}and promises that no wrong region is thicker than "
+        f"<b>{plain(promise)}&nbsp;px</b> ({plain(promise - threshold)} px for the rasters of geometry and textures){where}. "
+        'Other techniques promise nothing. Larger values are <span class="over">▲ marked</span>.'
     )
 
 
@@ -203,7 +230,7 @@ def _worst_views(report: Mapping[str, Any], folder: Path) -> list[str]:
             f"<h3>{key(view['technique'])}{name}, number {view['rank']}: {place}</h3>\n"
             f'<figure><div class="wide"><a href="{_link(view["picture"])}">'
             f"{_image(_smaller(folder / view['picture']), 'jpeg', f'geometry, {name}, what is wrong')}"
-            f"</a></div><figcaption>{_numbers(view, report['dataset']['promised_px'])}</figcaption></figure>"
+            f"</a></div><figcaption>{_numbers(view, report['source']['promised_px'])}</figcaption></figure>"
         )
     return parts
 

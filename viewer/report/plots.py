@@ -154,16 +154,17 @@ def distributions(scored: Scored, *, promise_px: float | None) -> Figure:
 
 
 def settling(scored: Scored, *, held: int) -> Figure:
-    """For each number of frames up to ``held``, the share of views like the geometry then; dashed, the layers of views.
+    """For each number of frames up to ``held``, the share of views like the geometry then; dashed, the layers of views, if any.
 
     A view that was not when it was scored never counts.
     """
     figure = new_figure(8.0, 3.4)
     axes = figure.subplots()
 
-    layers = [view["layers"] for view in next(iter(scored.values()))]
-    end = max(held, *layers)
-    axes.step(*_shares(layers, end), where="post", color=INK, linestyle="--", linewidth=0.9)
+    layers = [view["layers"] for view in next(iter(scored.values())) if view["layers"] is not None]
+    end = max([held, *layers])
+    if layers:
+        axes.step(*_shares(layers, end), where="post", color=INK, linestyle="--", linewidth=0.9)
     for name, views in scored.items():
         edges, shares = _shares([view["frames"] for view in views], end)
         axes.step(edges, shares, where="post", color=technique_color(name), linewidth=1.2, zorder=_order(name))
@@ -171,7 +172,7 @@ def settling(scored: Scored, *, held: int) -> Figure:
     axes.set_ylim(0.0, 103.0)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     _finish(axes, "views (%) alike within")
-    axes.set_xlabel("frames; dashed: layers", fontsize=SMALL)
+    axes.set_xlabel("frames; dashed: layers" if layers else "frames", fontsize=SMALL)
     _legend(figure, scored)
     return figure
 

@@ -200,7 +200,7 @@ def table(report: Mapping[str, Any], columns: Sequence[Column]) -> str:
         f'<th{_classes(lead)} scope="col">{column.heading}</th>' for column, lead in zip(shown, first, strict=True)
     )
     rows += ["<tr><td></td>" + "".join(heads) + "</tr></thead><tbody>"]
-    promise = report["dataset"]["promised_px"]
+    promise = report["source"]["promised_px"]
     for name, entry in entries.items():
         if name == report["reference"] and not any(column.of_reference for column in shown):
             cells = [f'<td class="first note" colspan="{len(shown)}">what the others are compared with</td>']

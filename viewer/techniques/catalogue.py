@@ -11,7 +11,7 @@ dataset that is compared and returns a technique (:mod:`mmi.foundation.plug_ins`
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -27,7 +27,15 @@ from viewer.techniques.layered import LayeredImpostors
 from viewer.techniques.virtual_frames import FrameRules
 from viewer.techniques.with_movers import WithMovers
 
-__all__ = ["MAIN", "REFERENCE", "TECHNIQUES", "TechniqueEntry", "find_technique", "make_technique"]
+__all__ = [
+    "MAIN",
+    "REFERENCE",
+    "TECHNIQUES",
+    "TechniqueEntry",
+    "find_technique",
+    "make_technique",
+    "refuse_without_dataset",
+]
 
 MAIN = "multi-mesh"
 """The scene of the dataset that is compared, and the technique that draws it."""
@@ -43,13 +51,15 @@ class TechniqueEntry:
 
     ``make`` takes the scene called ``scene`` and the seconds of a cross-fade at changes of cells, and returns a fresh
     technique, which knows of no viewer yet. ``layered``: it draws layers of cells, which are loaded, and pop where cells
-    change. ``origin`` is the plug-in that a technique comes from, None for the package's own.
+    change. ``cells``: it needs a dataset, since it draws what that says of cells; others draw a city as it was read as well.
+    ``origin`` is the plug-in that a technique comes from, None for the package's own.
     """
 
     name: str
     make: _Make
     scene: str = MAIN
     layered: bool = False
+    cells: bool = False
     origin: PlugIn | None = None
 
 
@@ -58,11 +68,21 @@ TECHNIQUES: Mapping[str, TechniqueEntry] = MappingProxyType(
         entry.name: entry
         for entry in (
             TechniqueEntry("full", lambda scene, _: FullGeometry(scene)),
-            TechniqueEntry("visible", lambda scene, _: CellGeometry(scene, "visible")),
-            TechniqueEntry("local", lambda scene, _: CellGeometry(scene, "local")),
-            TechniqueEntry("single-mesh", lambda scene, fade: LayeredImpostors(scene, fade=fade), "single-mesh", True),
-            TechniqueEntry("multi-mesh", lambda scene, fade: LayeredImpostors(scene, fade=fade), layered=True),
-            TechniqueEntry("multi-mesh-dynamic", lambda scene, fade: DynamicImpostors(scene, fade=fade), layered=True),
+            TechniqueEntry("visible", lambda scene, _: CellGeometry(scene, "visible"), cells=True),
+            TechniqueEntry("local", lambda scene, _: CellGeometry(scene, "local"), cells=True),
+            TechniqueEntry(
+                "single-mesh",
+                lambda scene, fade: LayeredImpostors(scene, fade=fade),
+                "single-mesh",
+                layered=True,
+                cells=True,
+            ),
+            TechniqueEntry(
+                "multi-mesh", lambda scene, fade: LayeredImpostors(scene, fade=fade), layered=True, cells=True
+            ),
+            TechniqueEntry(
+                "multi-mesh-dynamic", lambda scene, fade: DynamicImpostors(scene, fade=fade), layered=True, cells=True
+            ),
         )
     }
 )
@@ -101,6 +121,16 @@ def find_technique(of: str | Callable[..., Any] | PlugIn | TechniqueEntry) -> Te
         return _OwnTechnique(origin, made)
 
     return TechniqueEntry(origin.name, make, layered=True, origin=origin)
+
+
+def refuse_without_dataset(entries: Iterable[TechniqueEntry], source: str) -> None:
+    """Raises ParameterError for a technique that needs a dataset, where the city ``source`` is to be drawn as it was read."""
+    for entry in entries:
+        if entry.cells:
+            raise ParameterError(
+                f"techniques: for the city {source}, those that need no dataset expected, found {entry.name}, which draws "
+                "cells of one; build-impostors makes one"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

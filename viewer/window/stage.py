@@ -296,9 +296,8 @@ class Streets:
 
     def tour(self, metres: float) -> Walk:
         """A walk along the streets of the dataset."""
-        cells = self._scene.whereabouts.cells
-        neighbours = {one.id: one.neighbours for one in self._scene.dataset.manifest.cells}
-        return tour(cells, neighbours, metres=metres, speed=_SPEED)
+        whereabouts = self._scene.whereabouts
+        return tour(whereabouts.cells, whereabouts.adjacency, metres=metres, speed=_SPEED)
 
     def nearest_place(self, point: tuple[float, float]) -> tuple[float, float]:
         """The nearest place to ``point`` on the axis of a cell."""

@@ -99,15 +99,15 @@ def test_what_was_built_without_a_bound_promises_nothing(tmp_path):
     build_dataset(crossroads(), tmp_path / "unbounded", parameters, cells=["0000-00"])
     options = CompareOptions(techniques=("multi-mesh",), flip=False, keep=0)
     report = compare_views(tmp_path / "unbounded", tmp_path / "out", views=1, options=options)
-    assert report["dataset"]["promised_px"] is None
-    assert report["dataset"]["max_error_px"] == 5.0
-    assert report["dataset"]["promising_cells"] == 0
+    assert report["source"]["promised_px"] is None
+    assert report["source"]["max_error_px"] == 5.0
+    assert report["source"]["promising_cells"] == 0
     assert "none of the cells promises" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_what_was_built_with_a_bound_promises_two_pixels_more(views):
-    assert views[1]["dataset"]["promised_px"] == views[1]["dataset"]["max_error_px"] + 2.0
-    assert 0 < views[1]["dataset"]["promising_cells"] <= views[1]["dataset"]["cells"]
+    assert views[1]["source"]["promised_px"] == views[1]["source"]["max_error_px"] + 2.0
+    assert 0 < views[1]["source"]["promising_cells"] <= views[1]["source"]["cells"]
 
 
 def test_the_same_views_score_the_same(views, dataset, tmp_path):

@@ -122,15 +122,17 @@ def report_of(walked, *, names=tuple(NATURE), seconds=40.0, title="helsinki"):
     }
     rate = {name: 1.0 / techniques[name]["frame_ms"]["p50"] for name in techniques}
     return {
-        "format_version": 3,
+        "format_version": 4,
         "program": "compare-impostors",
-        "dataset": {
+        "source": {
+            "kind": "dataset",
             "name": title,
-            "source": "helsinki.osm.pbf",
+            "city": "helsinki.osm.pbf",
+            "cells": 321,
+            "built_for": {"width": 512, "height": 512, "fov_deg": 60.0, "max_error_px": 5.0},
             "max_error_px": 5.0,
             "promised_px": 7.0,
             "promising_cells": 300,
-            "cells": 321,
         },
         "device": "llvmpipe (LLVM 15.0.6, 256 bits)",
         "display": {"width": 512, "height": 512, "fov_deg": 60.0},
@@ -466,7 +468,7 @@ def test_no_table_is_wider_than_a_window_of_1000_pixels(tmp_path):
 
 def test_a_dataset_that_promises_nothing_is_said_to_promise_nothing(tmp_path):
     report = report_of(True)
-    report["dataset"] |= {"promised_px": None, "promising_cells": 0}
+    report["source"] |= {"promised_px": None, "promising_cells": 0}
     assert list(VALIDATOR.iter_errors(report)) == []
     text = page_of(report, tmp_path).text
     assert "an error of 5 px, but none of the cells promises to keep to it" in text
@@ -500,7 +502,7 @@ def test_worst_views_of_layered_techniques_stand_before_those_of_geometry(tmp_pa
 def test_names_are_text_whatever_they_hold(tmp_path):
     evil = "<script>alert('&\"1\"')</script>"
     report = report_of(True, title=evil)
-    report["dataset"]["source"] = report["device"] = report["walk"]["name"] = report["worst"][0]["cell"] = evil
+    report["source"]["city"] = report["device"] = report["walk"]["name"] = report["worst"][0]["cell"] = evil
     report["videos"] = [evil, f"{evil}.webp"]
     report["techniques"][evil] = report["techniques"]["multi-mesh"]
     report["series"][evil] = report["series"]["multi-mesh"]

@@ -61,7 +61,7 @@ def promised(scene: WalkScene, cell: str | None, view: View) -> Promised:
     inside = shapely.distance(shapely.polygons(place.corners), shapely.points(x, y)) <= _INSIDE
     if not (inside and place.eye[0] - _INSIDE <= z <= place.eye[1] + _INSIDE):
         return Promised(None, None, f"The viewer is outside of cell {cell}: nothing is promised there.")
-    threshold = view.focal * math.tan(scene.camera.angle_from_pixels(entry.promised_error_px))
+    threshold = view.focal * math.tan(scene.parameters.camera.angle_from_pixels(entry.promised_error_px))
     return Promised(threshold + _SAMPLING_PX, threshold)
 
 

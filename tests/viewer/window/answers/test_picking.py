@@ -239,7 +239,7 @@ def test_what_cannot_be_planned_again_is_answered_in_words(dataset, tmp_path):
 def test_what_the_viewer_does_not_do_is_said_at_once(scene, changed, expected):
     parameters = replace(scene.parameters, **changed)
     dataset = Dataset(scene.dataset.path, replace(scene.dataset.manifest, parameters=parameters))
-    picker = Picker(replace(scene, dataset=dataset))
+    picker = Picker(replace(scene, built=dataset))
     picker.prepare()
     why = picker.explained(of(scene, "block/00"), CELL).result(1.0)["why"]
     assert not why["planned"] and expected in why["answer"]

@@ -130,7 +130,7 @@ class TestPromises:
     def test_a_withheld_promise_says_why(self, scene):
         first = scene.dataset.manifest.cells[0]
         other = with_first_cell(scene.dataset, promised_error_px=None, promise_withheld="a mesh is coarse")
-        found = promised(replace(scene, dataset=other), first.id, view_of((256, 256), eye=first.reference))
+        found = promised(replace(scene, built=other), first.id, view_of((256, 256), eye=first.reference))
         assert found == Promised(None, None, f"Nothing is promised for cell {first.id}: a mesh is coarse.")
 
 
