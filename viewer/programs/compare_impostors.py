@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, NoReturn
 
 from mmi.foundation.camera import Camera
-from mmi.foundation.errors import ParameterError
+from mmi.foundation.errors import CityError, ParameterError
 from mmi.foundation.processes import usable_cores
 from mmi.programs.city_arguments import CITY_FILES, add_reading_arguments, read_options, refuse_reading_arguments
 from mmi.programs.city_told import print_warnings
@@ -103,8 +103,8 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         "--techniques",
         type=names_option,
         metavar="A,B,...",
-        help=f"default: {_TECHNIQUES}; for a CITY {_OF_CITIES}, which is all that needs no dataset; there is also {_MORE}, whose "
-        "views want to be held (--settle); package.module:function is a technique of your own (a function of the scene, in a "
+        help=f"default: {_TECHNIQUES}; for a CITY {_OF_CITIES}, which is all that needs no dataset; there is also {_MORE}, "
+        "whose views want to be held (--settle); package.module:function is a technique of your own (a function of the scene, in a "
         "module that can be imported or is in the current folder)",
     )
     add_reading_arguments(parser)
@@ -290,7 +290,12 @@ def _compare(options: argparse.Namespace) -> None:
     read: CityReport | None = None
     if city_of is not None:
         with ProgressBar("steps of reading", quiet=options.quiet) as tell:
-            source, read = read_city(city_of, reading, progress=tell)
+            try:
+                source, read = read_city(city_of, reading, progress=tell)
+            except CityError as error:
+                raise CityError(
+                    f"{error}; or a dataset, which has a manifest.json" if city_of.is_dir() else error
+                ) from None
     with ProgressBar("comparison", quiet=options.quiet) as tell:
         if path is not None or options.tour is not None:
             report = compare_walk(

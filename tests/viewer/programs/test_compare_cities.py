@@ -141,7 +141,7 @@ def test_what_is_compared_in_a_city_if_nobody_says_needs_no_dataset():
             "techniques: for the city .*houses.*found multi-mesh.*build-impostors makes one",
         ),
         (["--techniques", "visible"], "found visible, which draws cells"),
-        (["--techniques", "techniques_of_cities:needs_cells"], "techniques_of_cities:needs_cells.*a dataset expected"),
+        (["--techniques", "techniques_of_cities:needs_cells"], "houses.geojson: a dataset expected"),
         (["--display", "0x5"], "--display, --fov: .*0x5"),
         (["--display", "9000x9000"], "--display, --fov: at most 8192 pixels"),
         (["--fov", "180"], "--display, --fov: .*180"),
@@ -165,7 +165,11 @@ def test_a_mistake_with_a_city_gets_one_line(capsys, town, arguments, said):
 def test_what_is_neither_dataset_nor_city_gets_one_line(capsys):
     Path("empty").mkdir()
     Path("alone.geojson").write_text(Path("houses.geojson").read_text())
-    for wrong, said in (("nowhere", "no such file"), ("empty", "empty"), ("alone.geojson", "streets")):
+    for wrong, said in (
+        ("nowhere", "no such file"),
+        ("empty", "found in it: nothing; or a dataset, which has a manifest.json"),
+        ("alone.geojson", "streets"),
+    ):
         status, out, err = run(capsys, wrong, "-o", "r", "--quiet")
         assert (status, out, err.count("\n")) == (2, "", 1)
         assert re.search(f"{wrong}.*{said}", err), err

@@ -98,7 +98,7 @@ def test_without_a_dataset_everything_is_near_and_there_is_nothing_else(both):
 
 
 def test_long_objects_are_cut_as_builds_cut_them_or_not_at_all():
-    assert sorted(scene_of_city(hilly(), name="x", camera=CAMERA).objects) == ["row/1", "row/2", "row/3", "tower"]
+    assert sorted(scene_of_city(hilly(), name="x", camera=CAMERA).objects) == ["row#0", "row#1", "row#2", "tower"]
     assert sorted(scene_of_city(hilly(), name="x", camera=CAMERA, longest_object=None).objects) == ["row", "tower"]
 
 
