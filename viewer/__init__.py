@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from viewer.report.options import CompareOptions
     from viewer.runtime.calibration import calibrated
     from viewer.runtime.loop import FrameLoop, FrameTimes, replay
-    from viewer.scene.scene import WalkScene, open_scene
+    from viewer.scene.scene import WalkScene, open_scene, scene_of_city
     from viewer.serving.notebook import show_in_notebook
     from viewer.techniques.catalogue import TECHNIQUES, make_technique
     from viewer.techniques.virtual_frames import FrameRules
@@ -86,6 +86,7 @@ __all__ = [
     "random_views",
     "read_walk",
     "replay",
+    "scene_of_city",
     "show_in_notebook",
     "tour",
     "write_walk",
@@ -119,7 +120,7 @@ _HOMES = MappingProxyType(
         "viewer.report.options": ("CompareOptions",),
         "viewer.runtime.calibration": ("calibrated",),
         "viewer.runtime.loop": ("FrameLoop", "FrameTimes", "replay"),
-        "viewer.scene.scene": ("WalkScene", "open_scene"),
+        "viewer.scene.scene": ("WalkScene", "open_scene", "scene_of_city"),
         "viewer.serving.notebook": ("show_in_notebook",),
         "viewer.techniques.catalogue": ("TECHNIQUES", "make_technique"),
         "viewer.techniques.virtual_frames": ("FrameRules",),
