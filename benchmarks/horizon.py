@@ -32,9 +32,9 @@ from mmi.appearance.city_mesh import CityMesh, build_city_mesh
 from mmi.appearance.ground_mesh import ground_mesh
 from mmi.city.model import City
 from mmi.foundation.camera import Camera, View, view_towards
-from mmi.reading.read_city import read_city
 from mmi.rays.height_field import HeightField, height_field
 from mmi.rays.horizon_map import Horizon, azimuths_of, horizon_of, sky
+from mmi.reading.read_city import read_city
 
 CAMERA = Camera(640, 480, math.radians(60.0))
 EYE = 1.7

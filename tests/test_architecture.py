@@ -34,7 +34,8 @@ FLOORS = {
     "viewer": (
         "plan walks",
         "scene",
-        "cells techniques",
+        "cells casting",
+        "techniques",
         "drawing",
         "measuring runtime",
         "report",

@@ -45,7 +45,7 @@ class EmbreeCaster:
             def cast(first: int, last: int) -> None:
                 part = slice(first, last)
                 some = starts[part] if len(starts) > 1 else starts
-                self._cast(some, along[part], nearest, tuple(one[part] for one in found))
+                self._cast(some, along[part], nearest, (found[0][part], found[1][part], found[2][part]))
 
             self.shares.run(cast, len(along))
         return hits
@@ -55,7 +55,7 @@ class EmbreeCaster:
         origins: NDArray[np.float64],
         directions: NDArray[np.float64],
         nearest: float,
-        found: tuple[NDArray[np.generic], ...],
+        found: tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]],
     ) -> None:
         """Cast some rays and write what they hit into ``found``: parts of the three arrays of hits."""
         moved = (origins + nearest * directions).astype(np.float32)

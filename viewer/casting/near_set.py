@@ -60,8 +60,8 @@ class Neighbourhoods:
         place, last = (int(square[0]), int(square[1])), self._last
         if last is not None and last[0] == place:
             return last[1]
-        low: NDArray[np.float64] = square * _SQUARE
-        high: NDArray[np.float64] = low + _SQUARE
+        low = (square * _SQUARE).astype(np.float64)
+        high = low + _SQUARE
         some = self._candidates(low, high)
         away = np.maximum(np.maximum(self._low[some] - high, low - self._high[some]), 0.0)
         near = some[np.hypot(away[:, 0], away[:, 1]) <= self._reach]

@@ -65,9 +65,7 @@ class Panorama:
         self._dropped = 0
 
     def distances(self, eye: NDArray[np.float64]) -> NDArray[np.float32]:
-        """(records,) metres from ``eye`` (3,) to where each record was cast, 0 for those at the very place; infinite for record 0
-        and those too old.
-        """
+        """(records,) metres from ``eye`` (3,) to where each was cast; infinite for record 0 and those that are too old."""
         found = np.full(1 + self._dropped + len(self._eyes), np.inf, dtype=np.float32)
         if len(self._eyes):
             away = np.linalg.norm(self._eyes - eye, axis=1)

@@ -24,6 +24,7 @@ from mmi.programs.command_line import (
     size_option,
 )
 from viewer.programs.comparison_told import print_comparison
+from viewer.programs.technique_arguments import add_cast_arguments, cast_rules
 
 if TYPE_CHECKING:
     from mmi.city.model import City
@@ -34,8 +35,8 @@ if TYPE_CHECKING:
 __all__ = ["compare_impostors"]
 
 _TECHNIQUES = "full,visible,local,single-mesh,multi-mesh"
-_MORE = "multi-mesh-dynamic"
-_OF_CITIES = "full"
+_MORE = "ray-cast, and multi-mesh-dynamic"
+_OF_CITIES = "full,ray-cast"
 """What is compared where a city is drawn as it was read."""
 _DISPLAY = (512, 512)
 _FOV = 60.0
@@ -55,7 +56,7 @@ examples:
   compare-impostors out/helsinki -o out/traffic --tour 100 --movers out/helsinki.traffic.json --video
   compare-impostors out/helsinki -o out/mine --techniques full,multi-mesh,my_module:my_technique
   compare-impostors out/helsinki -o out/wide --display 1920x1080          pictures of another display than it was built for
-  compare-impostors examples/helsinki/helsinki.osm.pbf -o out/city --techniques full,my_module:my_technique
+  compare-impostors examples/helsinki/helsinki.osm.pbf -o out/city --techniques full,ray-cast
                                                                           a city as it is, without a dataset
 
 Open DIR/report.html; DIR/report.json has the same figures, and DIR/worst the worst views.
@@ -167,6 +168,7 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
     walks.add_argument(
         "--video", nargs="?", const="mp4", choices=("mp4", "webp"), help="film the walk, techniques side by side"
     )
+    add_cast_arguments(parser)
     movers = parser.add_argument_group("what moves")
     movers.add_argument(
         "--movers",
@@ -243,10 +245,13 @@ def _compare(options: argparse.Namespace) -> None:
     from viewer.techniques.virtual_frames import FrameRules
     from viewer.walks.tour import tour
 
+    techniques = tuple(_techniques(options.techniques, of_city=city_of is not None))
+    rays = cast_rules(options, techniques)
     moving = NOTHING_MOVES if options.movers is None else read_movers(options.movers)
     try:
         chosen = CompareOptions(
-            techniques=tuple(_techniques(options.techniques, of_city=city_of is not None)),
+            techniques=techniques,
+            rays=rays,
             frames_per_second=options.fps,
             settle=1 if options.settle is None else options.settle,
             budget_ms=options.budget_ms,

@@ -47,6 +47,7 @@ def print_comparison(report: dict[str, Any], out: Path) -> None:
     talk.print(note, style="dim")
     _print_promise(report["source"], talk)
     _print_settling(report, talk)
+    _print_rays(report, talk)
     _print_movers(report, talk)
     talk.print(f"{out / 'report.html'}", soft_wrap=True)
 
@@ -92,6 +93,24 @@ def _frames_told(what: str, after: dict[str, float] | None) -> str:
         if after is None
         else f"{what} after {after['p50']:g} / {after['p99']:.3g} / {after['max']:g} frames"
     )
+
+
+def _print_rays(report: dict[str, Any], talk: Console) -> None:
+    """What pixels were, where a technique casts rays."""
+    for name, entry in report["techniques"].items():
+        one = entry["rays"]
+        if one is None:
+            continue
+        shares = ("covered", "sky", "reused", "hit", "missed")
+        told = ", ".join(f"{100.0 * one[f'{share}_share']:.2f} % {share}" for share in shares)
+        late = 100.0 * (one["late_share"] + one["unknown_share"])
+        talk.print(
+            f"\n{name}, pixels of a frame: {told}"
+            + (f", {late:.2f} % without the ray that they need" if late else "")
+            + f"; {one['cast']:.0f} rays; what was shown again was off by {one['kept_px']:.1f} px at most"
+            + (" (a bound)" if one["reuse"] == "bound" else " (where its own surface is)"),
+            soft_wrap=True,
+        )
 
 
 def _print_movers(report: dict[str, Any], talk: Console) -> None:

@@ -24,6 +24,7 @@ from mmi.foundation.camera import Camera
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.progress import Progress, silent
 from mmi.walks.walk import Step, Walk
+from viewer.casting.frame import CastTally
 from viewer.cells.cell_cache import CacheReport
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.renderer import Renderer
@@ -33,10 +34,12 @@ from viewer.plan import Budget
 from viewer.report.baseline import single_mesh_scene
 from viewer.report.entries import (
     by_technique,
+    casts_of,
     frame_series,
     loading_of,
     movers_of,
     pops_of,
+    rays_of,
     report_of,
     scored_views,
     tallies_of,
@@ -89,6 +92,7 @@ def compare_views(
     alike: dict[str, list[int | None]] = {entry.name: [] for entry in options.entries}
     layers: list[int] | None = None if main.built is None else []
     tallies: dict[str, list[FrameTally]] = {entry.name: [] for entry in options.entries}
+    casts: dict[str, list[CastTally]] = {entry.name: [] for entry in options.entries}
     with (
         Renderer(
             main.mesh, main.ground, size=size, samples=options.samples, movers=main.movers, glint=options.glint
@@ -103,7 +107,9 @@ def compare_views(
             if layers is not None:
                 layers.append(layers_shown(make_technique(MAIN, scenes).plan(view, now=0.0, budget=Budget())))
             for entry in options.entries:
-                technique = make_technique(entry, scenes, frames=options.mover_frames, at=options.movers_time)
+                technique = make_technique(
+                    entry, scenes, rays=options.rays, frames=options.mover_frames, at=options.movers_time
+                )
                 found = hold_view(
                     technique,
                     renderer,
@@ -117,6 +123,7 @@ def compare_views(
                 held[entry.name].append(found)
                 costs[entry.name] = found.costs
                 tallies[entry.name] += tallies_of(technique)
+                casts[entry.name] += casts_of(technique)
                 settled[entry.name].append(settled_frames(technique, view, found))
     compared = [entry for entry in options.entries if entry.name != REFERENCE]
     with (
@@ -130,7 +137,9 @@ def compare_views(
             reference = make_technique(REFERENCE, scenes, at=options.movers_time)
             truth = judge.truth(reference.plan(view, now=0.0, budget=Budget()), pose, cell)
             for entry in compared:
-                technique = make_technique(entry, scenes, frames=options.mover_frames, at=options.movers_time)
+                technique = make_technique(
+                    entry, scenes, rays=options.rays, frames=options.mover_frames, at=options.movers_time
+                )
                 with held_again(technique, renderer, cache, view, held[entry.name][done]) as plans:
                     held_longer = options.settle > 1  # otherwise nobody is told after how many frames
                     plan, after = (
@@ -154,6 +163,7 @@ def compare_views(
             if entry.name in scores and options.settle > 1
             else None,
             movers=movers_of(tallies[entry.name]),
+            rays=rays_of(casts[entry.name], main, options.rays),
         )
         for entry in options.entries
     }
@@ -190,6 +200,7 @@ def compare_walk(
     runs: dict[str, list[FrameTimes]] = {}
     loads: dict[str, CacheReport] = {}
     tallies: dict[str, list[FrameTally]] = {}
+    casts: dict[str, list[CastTally]] = {}
     size = (main.camera.width, main.camera.height)
     with Renderer(main.mesh, main.ground, size=size, samples=options.samples, movers=main.movers) as renderer:
         device = renderer.device
@@ -202,7 +213,7 @@ def compare_walk(
             ) as renderer,
             cell_cache(scenes, renderer, capacity=options.cache) as cache,
         ):
-            technique = make_technique(entry, scenes, fade=options.fade, frames=options.mover_frames)
+            technique = make_technique(entry, scenes, fade=options.fade, rays=options.rays, frames=options.mover_frames)
             loop = FrameLoop(
                 technique,
                 renderer,
@@ -215,6 +226,7 @@ def compare_walk(
             runs[entry.name] = run_walk(steps, loop, shown=_telling(tell, number * len(steps), frames))
             loads[entry.name] = cache.report
             tallies[entry.name] = tallies_of(technique)
+            casts[entry.name] = casts_of(technique)
     tell(frames, frames, "frames timed")
 
     found = score_walk(main, scenes, steps, runs, out, options, tell)
@@ -233,6 +245,7 @@ def compare_walk(
             ),
             loading=loading_of(loads[entry.name], runs[entry.name]) if entry.layered else None,
             movers=movers_of(tallies[entry.name]),
+            rays=rays_of(casts[entry.name], main, options.rays),
         )
         for entry in options.entries
     }

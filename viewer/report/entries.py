@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from viewer.casting.frame import CastTally
+from viewer.casting.rules import CastRules
 from viewer.cells.cell_cache import CacheReport
 from viewer.measuring.judge import Judge, Scored
 from viewer.measuring.summary import ERRORS, frame_summary, summarise
@@ -20,16 +22,19 @@ from viewer.report.promise import display_of, source_of
 from viewer.runtime.loop import FrameTimes
 from viewer.scene.scene import WalkScene
 from viewer.techniques.catalogue import REFERENCE, TechniqueEntry
+from viewer.techniques.ray_cast import RayCasting, limit_px
 from viewer.techniques.virtual_frames import FrameTally
 from viewer.techniques.with_movers import WithMovers
 
 __all__ = [
     "by_technique",
+    "casts_of",
     "frame_series",
     "gpu_times",
     "loading_of",
     "movers_of",
     "pops_of",
+    "rays_of",
     "report_of",
     "scored_views",
     "tallies_of",
@@ -91,6 +96,7 @@ def technique_of(
     update_pop: dict[str, Any] | None = None,
     loading: dict[str, Any] | None = None,
     movers: dict[str, Any] | None = None,
+    rays: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """What the report says of a technique: its ``scored`` views, None for the reference, which nothing is wrong with.
 
@@ -111,6 +117,7 @@ def technique_of(
         **_mean_done(done),
         "loading": loading,
         "movers": movers,
+        "rays": rays,
     }
 
 
@@ -130,6 +137,34 @@ def _movers_told(scene: WalkScene, options: CompareOptions, mode: str) -> dict[s
 def tallies_of(technique: Technique) -> list[FrameTally]:
     """What a technique drew of movers, if there were any."""
     return [technique.tally] if isinstance(technique, WithMovers) else []
+
+
+def casts_of(technique: Technique) -> list[CastTally]:
+    """What pixels were of a technique that casts rays."""
+    inner = technique.technique if isinstance(technique, WithMovers) else technique
+    return [inner.tally] if isinstance(inner, RayCasting) else []
+
+
+def rays_of(tallies: Sequence[CastTally], scene: WalkScene, rules: CastRules) -> dict[str, Any] | None:
+    """What pixels were over all ``tallies``, as shares of all, and by which rules; None where no rays are cast."""
+    if not tallies:
+        return None
+    sum_ = CastTally()
+    for one in tallies:
+        sum_ = sum_.plus(one)
+    counts = sum_._asdict()
+    frames, kept = max(counts.pop("frames"), 1), counts.pop("kept_px")
+    pixels = max(sum(counts.values()), 1)
+    return {
+        "near_field_m": rules.near_field,
+        "caster": rules.caster,
+        "reuse": rules.reuse,
+        "reuse_error_px": limit_px(scene, rules),
+        "most": rules.rays,
+        "cast": sum_.rays / frames,
+        **{f"{name}_share": count / pixels for name, count in counts.items()},
+        "kept_px": kept,
+    }
 
 
 def movers_of(tallies: Sequence[FrameTally]) -> dict[str, Any] | None:

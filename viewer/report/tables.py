@@ -9,7 +9,20 @@ from typing import Any, Literal
 
 from viewer.report.plots import technique_color
 
-__all__ = ["LIKENESS", "LOADING", "MOVERS", "TIMES", "UPDATES", "WRONG", "Column", "glossary", "key", "plain", "table"]
+__all__ = [
+    "LIKENESS",
+    "LOADING",
+    "MOVERS",
+    "RAYS",
+    "TIMES",
+    "UPDATES",
+    "WRONG",
+    "Column",
+    "glossary",
+    "key",
+    "plain",
+    "table",
+]
 
 _How = Literal["plain", "percent", "fourth", "psnr", "promised", "megabytes", "times", "captured"]
 
@@ -97,6 +110,17 @@ MOVERS = (
     Column("movers a frame, as", "hidden", ("movers", "hidden"), of_reference=True),
     Column("images of movers", "frames valid", ("movers", "valid_frames"), of_reference=True),
 )
+RAYS = (
+    Column("pixels of a frame, %", "covered", ("rays", "covered_share"), "percent"),
+    Column("pixels of a frame, %", "sky", ("rays", "sky_share"), "percent"),
+    Column("pixels of a frame, %", "cast before", ("rays", "reused_share"), "percent"),
+    Column("pixels of a frame, %", "cast, hit", ("rays", "hit_share"), "percent"),
+    Column("pixels of a frame, %", "cast, missed", ("rays", "missed_share"), "percent"),
+    Column("pixels of a frame, %", "late", ("rays", "late_share"), "percent"),
+    Column("pixels of a frame, %", "unknown", ("rays", "unknown_share"), "percent"),
+    Column("rays", "a frame", ("rays", "cast")),
+    Column("rays", "kept error, px", ("rays", "kept_px")),
+)
 _TERMS = (
     (
         "wrong",
@@ -174,6 +198,13 @@ _TERMS = (
         "movers",
         "Objects that move and are within the view: means over frames. All techniques but full leave out those that buildings "
         "surely hide. The image of one is captured, moves with it, and is kept for as many frames as it is valid.",
+    ),
+    (
+        "pixels of a frame, %",
+        "rays",
+        "What is near covers a pixel; or it is above the horizon of all that is far; or it shows what was cast before; or a "
+        "ray is cast. Late pixels show what may be off by more than it should, unknown ones nothing, for want of rays. The "
+        "kept error is the largest with which something was shown again.",
     ),
 )
 """The group of columns, the term, and what it means."""

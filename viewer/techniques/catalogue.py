@@ -4,6 +4,7 @@ full, visible, local      geometry only                                     (vie
 single-mesh               the same city and parameters, one layer a view; built where it is not there yet
 multi-mesh                the dataset that is compared                      (viewer.techniques.layered)
 multi-mesh-dynamic        the same, layers captured again while time allows (viewer.techniques.dynamic)
+ray-cast                  near geometry, and rays for the rest              (viewer.techniques.ray_cast)
 
 A technique of one's own needs no entry here: ``package.module:function`` names a function that is called with the scene of the
 dataset that is compared and returns a technique (:mod:`mmi.foundation.plug_ins`).
@@ -12,18 +13,20 @@ dataset that is compared and returns a technique (:mod:`mmi.foundation.plug_ins`
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
 from mmi.foundation.camera import View
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.plug_ins import PlugIn, names_plug_in, own_mistakes, plug_in
+from viewer.casting.rules import CastRules
 from viewer.plan import Budget, Plan, Technique
 from viewer.scene.scene import WalkScene
 from viewer.techniques.dynamic import DynamicImpostors
 from viewer.techniques.geometry import CellGeometry, FullGeometry
 from viewer.techniques.layered import LayeredImpostors
+from viewer.techniques.ray_cast import RayCasting
 from viewer.techniques.virtual_frames import FrameRules
 from viewer.techniques.with_movers import WithMovers
 
@@ -32,6 +35,7 @@ __all__ = [
     "REFERENCE",
     "TECHNIQUES",
     "TechniqueEntry",
+    "TechniqueRules",
     "find_technique",
     "make_technique",
     "refuse_without_dataset",
@@ -42,15 +46,24 @@ MAIN = "multi-mesh"
 REFERENCE = "full"
 """What the others are compared with."""
 
-_Make = Callable[[WalkScene, float], Technique]
+
+@dataclass(frozen=True, slots=True)
+class TechniqueRules:
+    """What a user says of techniques: ``fade``, seconds of a cross-fade at changes of cells, and how ``rays`` are cast."""
+
+    fade: float = 0.0
+    rays: CastRules = field(default_factory=CastRules)
+
+
+_Make = Callable[[WalkScene, TechniqueRules], Technique]
 
 
 @dataclass(frozen=True, slots=True)
 class TechniqueEntry:
     """A technique by its ``name``.
 
-    ``make`` takes the scene called ``scene`` and the seconds of a cross-fade at changes of cells, and returns a fresh
-    technique, which knows of no viewer yet. ``layered``: it draws layers of cells, which are loaded, and pop where cells
+    ``make`` takes the scene called ``scene`` and what users say of techniques, and returns a fresh technique, which knows of no
+    viewer yet. ``layered``: it draws layers of cells, which are loaded, and pop where cells
     change. ``cells``: it needs a dataset, since it draws what that says of cells; others draw a city as it was read as well.
     ``origin`` is the plug-in that a technique comes from, None for the package's own.
     """
@@ -72,17 +85,21 @@ TECHNIQUES: Mapping[str, TechniqueEntry] = MappingProxyType(
             TechniqueEntry("local", lambda scene, _: CellGeometry(scene, "local"), cells=True),
             TechniqueEntry(
                 "single-mesh",
-                lambda scene, fade: LayeredImpostors(scene, fade=fade),
+                lambda scene, rules: LayeredImpostors(scene, fade=rules.fade),
                 "single-mesh",
                 layered=True,
                 cells=True,
             ),
             TechniqueEntry(
-                "multi-mesh", lambda scene, fade: LayeredImpostors(scene, fade=fade), layered=True, cells=True
+                "multi-mesh", lambda scene, rules: LayeredImpostors(scene, fade=rules.fade), layered=True, cells=True
             ),
             TechniqueEntry(
-                "multi-mesh-dynamic", lambda scene, fade: DynamicImpostors(scene, fade=fade), layered=True, cells=True
+                "multi-mesh-dynamic",
+                lambda scene, rules: DynamicImpostors(scene, fade=rules.fade),
+                layered=True,
+                cells=True,
             ),
+            TechniqueEntry("ray-cast", lambda scene, rules: RayCasting(scene, rules.rays)),
         )
     }
 )
@@ -110,7 +127,7 @@ def find_technique(of: str | Callable[..., Any] | PlugIn | TechniqueEntry) -> Te
             f"technique {origin.target}: a name that no other technique has expected, found {origin.name!r}"
         )
 
-    def make(scene: WalkScene, _: float) -> Technique:
+    def make(scene: WalkScene, _: TechniqueRules) -> Technique:
         with own_mistakes(f"technique {origin.target}"):
             made = origin.function(scene)
         if not callable(getattr(made, "plan", None)):
@@ -161,20 +178,21 @@ def make_technique(
     scenes: Mapping[str, WalkScene],
     *,
     fade: float = 0.0,
+    rays: CastRules | None = None,
     frames: FrameRules | None = None,
     at: float | None = None,
     owner: str | None = None,
 ) -> Technique:
     """A fresh technique, which knows of no viewer yet. ``scenes``: ``multi-mesh``, and ``single-mesh`` where that is asked for.
 
-    It also draws what moves in its scene, as it is ``at`` a time (seconds; None: as time goes by): layered techniques by the
-    rules of ``frames``, all others as geometry. All but the reference leave out what buildings hide of it. Where several
-    viewers are drawn by one renderer, the images that are captured for this one are those of ``owner``. Raises ParameterError
-    for what :func:`find_technique` refuses.
+    ``fade`` seconds of a cross-fade at changes of cells, ``rays`` how they are cast. It also draws what moves in its scene, as
+    it is ``at`` a time (seconds; None: as time goes by): layered techniques by the rules of ``frames``, all others as geometry.
+    All but the reference leave out what buildings hide of it. Where several viewers are drawn by one renderer, the images that
+    are captured for this one are those of ``owner``. Raises ParameterError for what :func:`find_technique` refuses.
     """
     entry = find_technique(of)
     scene = scenes[entry.scene]
-    made = entry.make(scene, fade)
+    made = entry.make(scene, TechniqueRules(fade, rays or CastRules()))
     if owner is not None and isinstance(made, DynamicImpostors):
         made.owner = owner
     if not scene.movers.ids:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
+from mmi.planning.parameters import BuildParameters
 from mmi.rays.horizon_map import azimuths_of, horizon_of
 from viewer.casting.far_field import far_field_of
 from viewer.casting.frame import CastTally, cast_frame
@@ -24,13 +25,24 @@ from viewer.plan import Budget, Draw, Objects, Plan, Sky
 from viewer.scene.frustum import box_corners, within_view
 from viewer.scene.scene import WalkScene
 
-__all__ = ["RayCasting"]
+__all__ = ["RayCasting", "limit_px"]
 
 _FIRST_RAY = 2e-6
 """Seconds that a ray is believed to take before the first was cast."""
 _LEARNING = 0.2
 _STANDING = 1e-6
 """Metres that a viewer moves from frame to frame who stands still."""
+
+
+def limit_px(scene: WalkScene, rules: CastRules) -> float:
+    """Pixels that what was cast before may be off by.
+
+    If the rules do not say, it is the angle that the scene's dataset was built for, or that builds allow by themselves.
+    """
+    if rules.limit_px is not None:
+        return rules.limit_px
+    built = BuildParameters() if scene.built is None else scene.parameters
+    return scene.camera.pixels_from_angle(built.camera.angle_from_pixels(built.max_error_px))
 
 
 class RayCasting:
@@ -55,7 +67,7 @@ class RayCasting:
         near = self._far.neighbourhoods.around(eye)
         horizon = horizon_of(self._far.heights, eye, beyond=self._rules.near_field, window=azimuths_of(_corners(view)))
         flags = near.flags
-        limit = self._scene.parameters.max_error_px if self._rules.limit_px is None else self._rules.limit_px
+        limit = limit_px(self._scene, self._rules)
         moved = math.inf if self._last is None else float(np.linalg.norm(eye - self._last))
         self._last = eye
         standing = moved <= _STANDING

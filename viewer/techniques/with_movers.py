@@ -39,7 +39,9 @@ class WithMovers:
         at: float | None = None,
     ) -> None:
         self.name = technique.name
-        self._technique, self._movers, self._skyline, self._at = technique, movers, skyline, at
+        self.technique = technique
+        """What draws all else."""
+        self._movers, self._skyline, self._at = movers, skyline, at
         self._hidden = 0
         self._frames = None if rules is None else VirtualFrames(movers, camera, rules, owner=technique.name)
         self._tally = FrameTally()
@@ -61,12 +63,12 @@ class WithMovers:
         if self._frames is None:
             geometry = len(seen.which)
             self._tally = self._tally._replace(frames=self._tally.frames + 1, geometry=self._tally.geometry + geometry)
-            plan = self._technique.plan(view, now=now, budget=budget)
+            plan = self.technique.plan(view, now=now, budget=budget)
             return _composed(plan, (Moving(seen.which, seen.poses),) if geometry else ())
         chosen = self._frames.choose(view, seen, time=time, budget=budget)
         taken = chosen.updating + chosen.drawing
         rest = replace(budget, frame=max(budget.frame - taken, 0.0), updates=max(budget.updates - chosen.updating, 0.0))
-        plan = self._technique.plan(view, now=now, budget=rest)
+        plan = self.technique.plan(view, now=now, budget=rest)
         return replace(_composed(plan, chosen.draws), requests=(*chosen.requests, *plan.requests))
 
 
