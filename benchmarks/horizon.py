@@ -3,14 +3,15 @@
     python benchmarks/horizon.py examples/helsinki/helsinki.osm.pbf out/montmartre.json
     python benchmarks/horizon.py out/metropolis-1000.jsonl out/metropolis-100000.jsonl --rays 0 --views 0
 
-CITY is what ``build-impostors`` reads. Rays are cast by Embree, from walkers in the streets, from above the roofs and from outside;
-they begin where they are ``--near-field`` metres away, horizontally. Half go anywhere, half graze the horizon from above.
-``called sky`` of them hit something: 0 is expected.
+CITY is what ``build-impostors`` reads. Rays are cast by Embree, from walkers in the streets, from above them and from anywhere
+around the city; they begin where they are ``--near-field`` metres away, horizontally. Half go anywhere, half graze the horizon
+from above. ``called sky`` are those that the map calls so, and ``of these hit`` those of them that hit something: 0 is
+expected.
 
 ``found`` is the share of the sky's pixels that the map calls sky, over pictures of 640 x 480 pixels and 60 degrees (every third
 pixel of every third row) that walkers see who look about level; a pixel is sky if its ray meets no building and no ground.
-``in vain`` are the other pixels of the sky, as a share of all pixels: their rays are cast for nothing. ``ms`` are medians of the
-processor's time for one horizon: 60 degrees of it and all around, of walkers; and all around, from above all roofs.
+``in vain`` are the other pixels of the sky, as a share of all pixels: their rays are cast for nothing. ``ms`` are medians of
+the processor's time for one horizon: 60 degrees of it and all around, of walkers; and all around, from above all roofs.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ import statistics
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
@@ -39,11 +39,11 @@ from mmi.reading.read_city import read_city
 CAMERA = Camera(640, 480, math.radians(60.0))
 EYE = 1.7
 """Metres above the ground."""
-AROUND = 4096
+AROUND = 2048
 """Columns of a horizon, where they are not what is varied."""
 
 
-def scene_of(mesh: CityMesh) -> Any:
+def scene_of(mesh: CityMesh) -> EmbreeScene:
     """Embree's scene of a mesh, robust; a first ray builds its tree."""
     scene = EmbreeScene(robust=True)
     TriangleMesh(scene, mesh.positions, mesh.triangles)
@@ -51,7 +51,9 @@ def scene_of(mesh: CityMesh) -> Any:
     return scene
 
 
-def hits(scene: Any, eye: NDArray[np.float64], directions: NDArray[np.float64], start: NDArray[np.float64]) -> Any:
+def hits(
+    scene: EmbreeScene, eye: NDArray[np.float64], directions: NDArray[np.float64], start: NDArray[np.float64]
+) -> NDArray[np.bool_]:
     """(n,) whether the rays hit, which begin ``start`` (n,) lengths of their direction from ``eye``."""
     origins = (eye + start[:, None] * directions).astype(np.float32)
     return scene.run(origins, directions.astype(np.float32)) >= 0
@@ -88,7 +90,7 @@ def rays_from(horizon: Horizon, count: int, rng: np.random.Generator) -> NDArray
 
 
 def violations(
-    field: HeightField, scene: Any, eyes: NDArray[np.float64], rays: int, near: float, rng: np.random.Generator
+    field: HeightField, scene: EmbreeScene, eyes: NDArray[np.float64], rays: int, near: float, rng: np.random.Generator
 ) -> tuple[int, int, int]:
     """How many rays were cast, how many of them are called sky, and how many of those hit."""
     above = wrong = 0
@@ -118,7 +120,7 @@ def directions_of(view: View, every: int) -> NDArray[np.float64]:
     return view.unproject(u, v, np.ones(len(u))) - view.eye
 
 
-def pictures(city: City, mesh: CityMesh, scene: Any, count: int, rng: np.random.Generator) -> list[Picture]:
+def pictures(city: City, scene: EmbreeScene, count: int, rng: np.random.Generator) -> list[Picture]:
     """What ``count`` walkers see."""
     ground = scene_of(ground_mesh(city, margin=500.0))
     found = []
@@ -172,7 +174,7 @@ def measure(path: Path, options: argparse.Namespace) -> None:
     )
     near, steps = options.near_field, [None, *options.steps]
     scene = scene_of(mesh) if options.rays or options.views else None
-    views = pictures(city, mesh, scene, options.views, rng) if options.views else []
+    views = pictures(city, scene, options.views, rng) if options.views else []
     eyes = viewers(city, mesh, 200, rng)
     below, above = walkers(city, 40, rng), walkers(city, 40, rng)
     above[:, 2] += tall
@@ -205,7 +207,7 @@ def main() -> None:
     parser.add_argument("--rays", type=int, default=1_000_000, help="rays of each height field; 0: none")
     parser.add_argument("--views", type=int, default=40, help="pictures; 0: none")
     parser.add_argument("--steps", type=float, nargs="*", default=[0.5, 1.0, 2.0, 4.0], metavar="METRES")
-    parser.add_argument("--columns", type=int, nargs="+", default=[1024, 2048, AROUND, 8192])
+    parser.add_argument("--columns", type=int, nargs="+", default=[1024, AROUND, 4096, 8192])
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     for path in options.cities:

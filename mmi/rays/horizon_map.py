@@ -57,7 +57,7 @@ def horizon_of(
     eye: ArrayLike,
     *,
     beyond: float,
-    columns: int = 4096,
+    columns: int = 2048,
     window: tuple[float, float] | None = None,
 ) -> Horizon:
     """The horizon of everything in ``field`` that is ``beyond`` metres or more from ``eye`` (3,), measured horizontally.
@@ -160,23 +160,26 @@ class _Wedge(NamedTuple):
 @njit(cache=True, error_model="numpy", nogil=True)
 def _find_steepest(pyramid: Pyramid, ground: _Ground, first: int, width: float, slopes: NDArray[np.float64]) -> None:
     """Fills in the ``slopes`` of columns ``first`` and following, of ``width`` radians each."""
+    heights, starts, shapes = pyramid
     blocks = np.empty((_DEPTH, 3), dtype=np.int64)  # level, row, column of those that wait
     bounds = np.empty(_DEPTH)  # and how steep each may be
-    top = len(pyramid.starts) - 1
-    where = np.array([top, 0, 0])  # the steepest cell of the column before: a good guess for the next
+    top = len(starts) - 1
+    guess = np.array([top, 0, 0])  # the steepest cell of the column before
     for i in range(len(slopes)):
         right, left = (first + i) * width, (first + i + 1) * width
         middle = 0.5 * (right + left)
         wedge = _Wedge(
             math.cos(right), math.sin(right), math.cos(left), math.sin(left), math.cos(middle), math.sin(middle), width
         )
-        steepest, final = _bound(pyramid, ground, wedge, top, 0, 0)
+        steepest, final = _bound(heights[starts[top]], top, 0, 0, ground, wedge)
         waiting = 0
         if not final:
             blocks[0], bounds[0] = (top, 0, 0), steepest
             waiting = 1
-            guess, final = _bound(pyramid, ground, wedge, where[0], where[1], where[2])
-            steepest = guess if final else -math.inf
+            level, row, column = guess
+            place = starts[level] + row * shapes[level, 1] + column
+            guessed, final = _bound(heights[place], level, row, column, ground, wedge)
+            steepest = guessed if final else -math.inf
         while waiting:
             waiting -= 1
             if bounds[waiting] <= steepest:
@@ -184,14 +187,15 @@ def _find_steepest(pyramid: Pyramid, ground: _Ground, first: int, width: float, 
             level, row, column = blocks[waiting]
             level -= 1
             base = waiting
-            for r in range(2 * row, min(2 * row + 2, pyramid.shapes[level, 0])):
-                for c in range(2 * column, min(2 * column + 2, pyramid.shapes[level, 1])):
-                    bound, final = _bound(pyramid, ground, wedge, level, r, c)
+            for r in range(2 * row, min(2 * row + 2, shapes[level, 0])):
+                for c in range(2 * column, min(2 * column + 2, shapes[level, 1])):
+                    place = starts[level] + r * shapes[level, 1] + c
+                    bound, final = _bound(heights[place], level, r, c, ground, wedge)
                     if bound <= steepest:
                         continue
                     if final:
                         steepest = bound
-                        where[:] = level, r, c
+                        guess[:] = level, r, c
                         continue
                     k = waiting
                     while k > base and bounds[k - 1] > bound:
@@ -203,9 +207,11 @@ def _find_steepest(pyramid: Pyramid, ground: _Ground, first: int, width: float, 
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _bound(pyramid: Pyramid, ground: _Ground, wedge: _Wedge, level: int, row: int, column: int) -> tuple[float, bool]:
-    """How steep anything in a block may be, -inf if the wedge misses it, and whether it is so narrow that this is its slope."""
-    height = pyramid.heights[pyramid.starts[level] + row * pyramid.shapes[level, 1] + column]
+def _bound(height: float, level: int, row: int, column: int, ground: _Ground, wedge: _Wedge) -> tuple[float, bool]:
+    """How steep anything in a block of some ``height`` may be, -inf if the wedge misses it; and whether this is its slope.
+
+    It is where the block is a cell of the finest level, or looks as narrow as the column.
+    """
     if height == -math.inf:
         return -math.inf, True
     size = ground.step * (1 << level)
@@ -220,10 +226,10 @@ def _bound(pyramid: Pyramid, ground: _Ground, wedge: _Wedge, level: int, row: in
         ):
             return -math.inf, True
     x, y = abs(x), abs(y)
-    far = math.sqrt((x + half) ** 2 + (y + half) ** 2)
-    if far < ground.beyond:
+    far, near = (x + half) ** 2 + (y + half) ** 2, max(x - half, 0.0) ** 2 + max(y - half, 0.0) ** 2  # squares
+    beyond = ground.beyond**2
+    if far < beyond:
         return -math.inf, True
-    near = math.sqrt(max(x - half, 0.0) ** 2 + max(y - half, 0.0) ** 2)
     rise = height - ground.eye + _SLACK
-    slope = rise / (max(near, ground.beyond) if rise > 0.0 else far)
-    return slope, level == 0 or size <= near * wedge.width
+    slope = rise / math.sqrt(max(near, beyond) if rise > 0.0 else far)
+    return slope, level == 0 or size * size <= near * wedge.width**2
