@@ -267,11 +267,15 @@ class Work(NamedTuple):
 
 
 class Done(NamedTuple):
-    """What a frame's ``requests`` and its ``draws`` took, apart from each other, and the seconds that it took to ``finish``."""
+    """What a frame's ``requests`` and its ``draws`` took, apart from each other, and the seconds that it took to ``finish``.
+
+    ``fresh`` are the pixels whose surfaces were found in this frame.
+    """
 
     requests: Work = Work()
     draws: Work = Work()
     finish: float = 0.0
+    fresh: int = 0
 
 
 class Costs(NamedTuple):

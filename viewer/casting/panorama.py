@@ -18,9 +18,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mmi.foundation.camera import Camera
+from mmi.foundation.camera import View
 
-__all__ = ["Panorama", "Texels", "store", "texel_of"]
+__all__ = ["Panorama", "Texels", "smallest_pixel", "store", "texel_of"]
 
 _APART = 1e-6
 """Metres below which two places are one: who turns on the spot stays where it is, to rounding."""
@@ -44,11 +44,18 @@ class Texels(NamedTuple):
     point: NDArray[np.float32]
 
 
-class Panorama:
-    """The map of one viewer, for a display that is ``camera``."""
+def smallest_pixel(view: View) -> float:
+    """Radians of the smallest pixel of a view, one in its farther border column, along the azimuth if the view is level."""
+    left, _, width, _ = view.window
+    aside = max(abs(left), abs(left + width)) / view.focal
+    return 1.0 / ((1.0 + aside * aside) * view.focal)
 
-    def __init__(self, camera: Camera) -> None:
-        columns = max(math.ceil(2.0 * math.pi / camera.border_pixel[0]), 8)
+
+class Panorama:
+    """The map of one viewer, whose smallest pixels are ``pixel`` radians wide."""
+
+    def __init__(self, pixel: float) -> None:
+        columns = max(math.ceil(2.0 * math.pi / pixel), 8)
         step = 2.0 * math.pi / columns
         rows = math.ceil(math.pi / step) + 1
         # Zeros are not in memory before they are written.

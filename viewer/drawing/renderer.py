@@ -212,7 +212,7 @@ class Renderer:
             with self._timer:
                 captured = self._execute(plan)
                 shown = narrowed(plan, style)
-                counts, finishing = self._draw(shown, view, measured, style)
+                counts, finishing, fresh = self._draw(shown, view, measured, style)
             with turns_after(_SWITCH_INTERVAL):
                 self._finish()
             seconds = time.perf_counter() - start
@@ -231,7 +231,7 @@ class Renderer:
                 gpu_seconds=gpu,
                 triangles=captured.triangles + drawn.triangles,
                 draws=captured.draws + drawn.draws,
-                done=Done(captured, drawn, finishing),
+                done=Done(captured, drawn, finishing, fresh),
             )
 
     def prepare(self, plan: Plan, view: View) -> float:
@@ -292,14 +292,14 @@ class Renderer:
         finally:
             self._images.end()
 
-    def _draw(self, plan: Plan, view: View, measured: bool, style: Style) -> tuple[list[int], float]:
-        """The triangles of each call that was sent, and the seconds that it took to finish the plan."""
+    def _draw(self, plan: Plan, view: View, measured: bool, style: Style) -> tuple[list[int], float, int]:
+        """The triangles of each call that was sent, the seconds that it took to finish the plan, and pixels found anew."""
         if plan.mix >= 1.0:
             return self._paint(plan.draws, plan.finish, view, measured, style, plan.requests)
-        before, _ = self._paint(plan.fading, None, view, measured, style, plan.requests)
+        before, *_ = self._paint(plan.fading, None, view, measured, style, plan.requests)
         self._fade.keep(self._targets, measured=measured)
-        now, finishing = self._paint(plan.draws, plan.finish, view, measured, style, plan.requests)
-        return [*before, *now, *self._fade.mix(self._targets, 1.0 - plan.mix, measured=measured)], finishing
+        now, finishing, fresh = self._paint(plan.draws, plan.finish, view, measured, style, plan.requests)
+        return [*before, *now, *self._fade.mix(self._targets, 1.0 - plan.mix, measured=measured)], finishing, fresh
 
     def _paint(
         self,
@@ -309,23 +309,26 @@ class Renderer:
         measured: bool,
         style: Style,
         requests: Sequence[Request],
-    ) -> tuple[list[int], float]:
-        """Draw into the target, and finish; the triangles of each call, lines aside, and the seconds that finishing took."""
+    ) -> tuple[list[int], float, int]:
+        """Draw into the target, and finish; the triangles of each call, lines aside, the seconds that finishing took, and the
+        pixels that it found anew.
+        """
         self._targets.clear(measured=measured)
         self._programs.look_through(view, measured=measured)
         counts = [count for draw in draws for count in self._paint_one(draw, view, measured, style, requests)]
-        finishing = 0.0
+        finishing, fresh = 0.0, 0
         if finish is not None:
             depths = self._targets.depths(measured=measured)  # waits for what was drawn
             start = time.perf_counter()
             more = finish(depths, self._targets.first_column)
             finishing = time.perf_counter() - start
+            fresh = sum(len(draw.samples) for draw in more if isinstance(draw, CastPixels) and draw.fresh)
             counts += [count for draw in more for count in self._paint_one(draw, view, measured, style, requests)]
         if style.wireframe:
             with self._line.over(self._targets, measured=measured):
                 for draw in draws:
                     self._paint_lines(draw, view, measured, requests)
-        return counts, finishing
+        return counts, finishing, fresh
 
     def _paint_one(
         self, draw: Draw, view: View, measured: bool, style: Style, requests: Sequence[Request]

@@ -267,7 +267,7 @@ def _mean_done(done: Sequence[Done]) -> dict[str, float]:
     """Means over frames of what was sent and captured."""
     whole = [
         (work.triangles + draws.triangles, work.draws + draws.draws, work.requests, work.pixels)
-        for work, draws, _ in done
+        for work, draws, *_ in done
     ]
     means = np.mean(np.array(whole, dtype=np.float64), axis=0).tolist()
     return dict(zip(("triangles", "draws", "requests", "captured_pixels"), means, strict=True))

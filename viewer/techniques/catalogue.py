@@ -65,7 +65,8 @@ class TechniqueEntry:
     ``make`` takes the scene called ``scene`` and what users say of techniques, and returns a fresh technique, which knows of no
     viewer yet. ``layered``: it draws layers of cells, which are loaded, and pop where cells
     change. ``cells``: it needs a dataset, since it draws what that says of cells; others draw a city as it was read as well.
-    ``origin`` is the plug-in that a technique comes from, None for the package's own.
+    ``prepare`` makes what it needs once of a scene, which may take a minute in a large city, None: nothing; ``make`` does so as
+    well. ``origin`` is the plug-in that a technique comes from, None for the package's own.
     """
 
     name: str
@@ -73,6 +74,7 @@ class TechniqueEntry:
     scene: str = MAIN
     layered: bool = False
     cells: bool = False
+    prepare: Callable[[WalkScene, TechniqueRules], object] | None = None
     origin: PlugIn | None = None
 
 
@@ -99,7 +101,11 @@ TECHNIQUES: Mapping[str, TechniqueEntry] = MappingProxyType(
                 layered=True,
                 cells=True,
             ),
-            TechniqueEntry("ray-cast", lambda scene, rules: RayCasting(scene, rules.rays)),
+            TechniqueEntry(
+                "ray-cast",
+                lambda scene, rules: RayCasting(scene, rules.rays),
+                prepare=lambda scene, rules: RayCasting(scene, rules.rays),
+            ),
         )
     }
 )

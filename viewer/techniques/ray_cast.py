@@ -12,14 +12,14 @@ from hashlib import blake2b
 import numpy as np
 from numpy.typing import NDArray
 
-from mmi.foundation.camera import View
+from mmi.foundation.camera import View, level_view
 from mmi.planning.parameters import BuildParameters
 from mmi.rays.horizon_map import azimuths_of, horizon_of
 from viewer.casting.far_field import far_field_of
 from viewer.casting.frame import CastTally, cast_frame
 from viewer.casting.near_set import NearSet
 from viewer.casting.open_pixels import rays_of
-from viewer.casting.panorama import Panorama
+from viewer.casting.panorama import Panorama, smallest_pixel
 from viewer.casting.rules import CastRules
 from viewer.plan import Budget, Draw, Objects, Plan, Sky
 from viewer.scene.frustum import box_corners, within_view
@@ -30,6 +30,8 @@ __all__ = ["RayCasting", "limit_px"]
 _FIRST_RAY = 2e-6
 """Seconds that a ray is believed to take before the first was cast."""
 _LEARNING = 0.2
+_OTHER = 1.1
+"""A panorama is begun anew where pixels become larger or smaller by more than this."""
 _STANDING = 1e-6
 """Metres that a viewer moves from frame to frame who stands still."""
 
@@ -53,7 +55,9 @@ class RayCasting:
     def __init__(self, scene: WalkScene, rules: CastRules | None = None) -> None:
         self._scene, self._rules = scene, rules or CastRules()
         self._far = far_field_of(scene, self._rules)
-        self._panorama = Panorama(scene.camera)
+        self._pixel = smallest_pixel(View(np.eye(4), scene.camera.focal, scene.camera.window))
+        self._panorama = Panorama(self._pixel)
+        scene.workshop.once(("compiled", self._rules.caster), self._compile)
         self._ray_seconds = _FIRST_RAY
         self._last: NDArray[np.float64] | None = None
         self.tally = CastTally()
@@ -71,7 +75,10 @@ class RayCasting:
         moved = math.inf if self._last is None else float(np.linalg.norm(eye - self._last))
         self._last = eye
         standing = moved <= _STANDING
-        most = self._rules.rays
+        pixel = smallest_pixel(view)
+        if not 1.0 / _OTHER < pixel / self._pixel < _OTHER:  # another display
+            self._pixel, self._panorama = pixel, Panorama(pixel)
+        panorama, most = self._panorama, self._rules.rays
         if np.isfinite(budget.updates):
             affordable = int(budget.updates / self._ray_seconds)
             most = affordable if most is None else min(most, affordable)
@@ -83,7 +90,7 @@ class RayCasting:
                 first_column,
                 rays_of(view, first_column),
                 horizon,
-                self._panorama,
+                panorama,
                 self._far,
                 flags,
                 self._rules,
@@ -99,6 +106,19 @@ class RayCasting:
             return draws
 
         return Plan((_in_view(near, self._scene, view), self._scene.ground_in(view), Sky()), finish=finish)
+
+    def _compile(self) -> None:
+        """Cast a few rays, so that nothing has to be compiled in a frame."""
+        eye = self._scene.whereabouts.cells[0].reference
+        view = level_view(eye, 0.0, focal=8.0, window=(-8, -8, 16, 16))
+        horizon = horizon_of(self._far.heights, eye, beyond=self._rules.near_field, window=azimuths_of(_corners(view)))
+        nothing = np.full((16, 16), np.inf, dtype=np.float32)
+        near = self._far.neighbourhoods.around(eye).flags
+        panorama = Panorama(smallest_pixel(view))
+        for _ in range(2):  # the second time it finds what was cast
+            cast_frame(
+                nothing, 0, rays_of(view), horizon, panorama, self._far, near, self._rules, limit_px=1.0, most=None
+            )
 
     def _share(self, moved: float, limit: float) -> float:
         """The share of all that was cast to cast again on a way of ``moved`` metres, before it is off by ``limit``.

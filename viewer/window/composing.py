@@ -205,14 +205,15 @@ class Pictures:
         found = []
         for line, (name, frame) in zip(self._last, self.drawn, strict=True):
             megabytes = 1e-6 * self.stage.bytes_of(frame.plan, line.share)
-            found.append(_told(name, frame) | {"memory_mb": round(megabytes, 3)})
+            preparing = not self.stage.prepared(name)
+            found.append(_told(name, frame) | {"memory_mb": round(megabytes, 3), "preparing": preparing})
         return found
 
     def _draw(
         self, panel: Panel, into: NDArray[np.uint8] | None, look: Look, seen: Seen, *, measured: bool
     ) -> DrawnPicture:
         name = panel.technique
-        if not seen.inside and find_technique(name).layered:
+        if (not seen.inside and find_technique(name).layered) or not self.stage.prepared(name):
             name = REFERENCE
         line = self._line(name)
         width, height = seen.size
@@ -229,7 +230,8 @@ class Pictures:
         loop.camera = camera
         loop.updates = math.inf if look.budget_ms is None else 1e-3 * look.budget_ms
         frame = loop.frame(held or seen.pose, seen.time, cut=seen.cut, read=True)
-        line.quiet = 0 if frame.plan.requests or frame.plan.mix < 1.0 else line.quiet + 1
+        busy = frame.plan.requests or frame.plan.mix < 1.0 or frame.times.done.fresh
+        line.quiet = 0 if busy or not self.stage.prepared(panel.technique) else line.quiet + 1
         self._last.append(line)
         self.drawn.append((panel.technique, frame))
         return frame.picture
@@ -238,7 +240,7 @@ class Pictures:
         if name not in self._lines:
             share = f"{self.client} {name}"
             painting = Painting(self.stage, self.stage.main)
-            technique = make_technique(name, self.stage.scenes, owner=share)
+            technique = make_technique(name, self.stage.scenes, rays=self.stage.rules.rays, owner=share)
             main = self.stage.main
             loop = FrameLoop(
                 technique,

@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from mmi.city.model import City
 from mmi.foundation.camera import Camera, View
 from mmi.foundation.errors import DatasetError
+from mmi.foundation.processes import usable_cores
 from mmi.walks.walk import Pose, Walk
+from viewer.casting.rules import CastRules
 from viewer.cells.cell_cache import CellCache
 from viewer.cells.loaded_cell import LoadedCell, load_cell
 from viewer.cells.scene_cache import foretold_bytes
@@ -30,9 +32,10 @@ from viewer.plan import CellKey, CellLayers, Costs, Draw, Ground, Objects, Plan,
 from viewer.runtime.calibration import calibrated
 from viewer.scene.scene import WalkScene
 from viewer.scene.walls import Walls, walls_of
-from viewer.techniques.catalogue import MAIN
+from viewer.techniques.catalogue import MAIN, TechniqueRules, find_technique
 from viewer.walks.tour import tour
 from viewer.window.motion import EYE_HEIGHT
+from viewer.window.preparation import Preparation
 
 __all__ = ["Painting", "Share", "Stage", "Streets", "window_camera"]
 
@@ -57,6 +60,9 @@ class Stage:
         self._sizes: dict[tuple[CellKey, bool], int] = {}
         self._bad: dict[CellKey, tuple[float, DatasetError]] = {}
         self._wants: dict[str, tuple[tuple[CellKey, ...], tuple[CellKey, ...]]] = {}
+        self._preparing: dict[str, Preparation] = {}
+        self.rules = TechniqueRules(rays=CastRules(workers=usable_cores()))
+        """What techniques are told."""
 
     def __enter__(self) -> Stage:
         main, camera = self.main, self.main.camera
@@ -89,6 +95,19 @@ class Stage:
             self.renderer.resize((camera.width, camera.height))
             self._costs = calibrated(self.renderer, self.main)
         return self._costs
+
+    def prepared(self, name: str) -> bool:
+        """Whether what the technique needs once is there. Who asks first has it made in the background.
+
+        Raises what went wrong with that.
+        """
+        entry = find_technique(name)
+        if entry.prepare is None:
+            return True
+        if name not in self._preparing:
+            make, scene = entry.prepare, self.scenes[entry.scene]
+            self._preparing[name] = Preparation(lambda: make(scene, self.rules))
+        return self._preparing[name].over()
 
     def share(self, name: str) -> Share:
         """A share in the cells, which counts as wanting what it wanted last until it is forgotten."""

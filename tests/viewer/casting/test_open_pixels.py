@@ -5,12 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mmi.foundation.camera import Camera, view_towards
+from mmi.foundation.camera import Camera, View, view_towards
 from mmi.rays.horizon_map import is_above
 from viewer.casting.open_pixels import CAST, COVERED, REUSED, SKY, Found, classify, rays_of
-from viewer.casting.panorama import Panorama, store
+from viewer.casting.panorama import Panorama, smallest_pixel, store
 
 CAMERA = Camera(80, 60, math.radians(70.0))
+VIEW = View(np.eye(4), CAMERA.focal, CAMERA.window)
 NEAR = 50.0
 OWNERS = np.arange(4, dtype=np.int32)
 NOBODY = np.zeros(4, dtype=np.bool_)
@@ -61,7 +62,7 @@ def test_pixels_are_covered_sky_or_cast_as_each_of_them_says(seed, pitch, azimut
         depths[i : i + rng.integers(1, 60), j : j + rng.integers(1, 60)] = rng.choice([5.0, 49.0, 60.0, 900.0])
     slopes = rng.choice([-np.inf, -0.1, 0.0, 0.2, 1.0, np.inf], columns) + rng.uniform(0.0, 0.05, columns)
     horizon = (slopes, -math.pi, columns / (2.0 * math.pi))
-    found = classified(depths, view, horizon, Panorama(CAMERA))
+    found = classified(depths, view, horizon, Panorama(smallest_pixel(VIEW)))
     rays = directions(view)
     ahead = -(rays @ view.eye_from_world[2, :3])
     for i in range(60):
@@ -84,7 +85,7 @@ WALL = (np.full(4, np.inf), -math.pi, 4 / (2.0 * math.pi))  # nothing is above i
 
 def filled(eye, *, distance=200.0, triangle=1):
     """A panorama with what a view from ``eye`` has cast: a sphere around it."""
-    panorama = Panorama(CAMERA)
+    panorama = Panorama(smallest_pixel(VIEW))
     view = view_towards(eye, 0.5, 0.1, focal=CAMERA.focal, window=CAMERA.window)
     rays = directions(view).reshape(-1, 3)
     count = len(rays)

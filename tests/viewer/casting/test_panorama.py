@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mmi.foundation.camera import Camera
-from viewer.casting.panorama import Panorama, store, texel_of
+from mmi.foundation.camera import Camera, View
+from viewer.casting.panorama import Panorama, smallest_pixel, store, texel_of
 
 CAMERA = Camera(64, 48, math.radians(60.0))
+VIEW = View(np.eye(4), CAMERA.focal, CAMERA.window)
 NUMBERS = st.floats(-1.0, 1.0)
 
 
@@ -17,7 +18,7 @@ NUMBERS = st.floats(-1.0, 1.0)
 def test_every_direction_has_a_texel_that_is_near_it(x, y, z):
     if math.sqrt(x * x + y * y + z * z) < 1e-3:
         return
-    texels = Panorama(CAMERA).texels
+    texels = Panorama(smallest_pixel(VIEW)).texels
     column, row = texel_of(x, y, z, texels.columns, texels.rows, texels.step)
     assert 0 <= column < texels.columns
     assert 0 <= row < texels.rows
@@ -28,14 +29,14 @@ def test_every_direction_has_a_texel_that_is_near_it(x, y, z):
 
 
 def test_no_two_pixels_of_a_level_view_need_the_same_texel():
-    panorama = Panorama(CAMERA)
+    panorama = Panorama(smallest_pixel(VIEW))
     u = (np.arange(64) - 31.5) / CAMERA.focal
     columns = [texel_of(1.0, -one, 0.0, *panorama.texels[:3])[0] for one in u]
     assert len(set(columns)) == len(columns)
 
 
 def test_what_was_cast_is_kept_with_its_record():
-    panorama = Panorama(CAMERA)
+    panorama = Panorama(smallest_pixel(VIEW))
     eye = np.array([10.0, 20.0, 2.0])
     record = panorama.record_at(eye)
     directions = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -61,7 +62,7 @@ def test_what_was_cast_is_kept_with_its_record():
 
 
 def test_records_tell_how_far_away_they_are():
-    panorama = Panorama(CAMERA)
+    panorama = Panorama(smallest_pixel(VIEW))
     places = [np.array([float(k), 0.0, 0.0]) for k in range(5)]
     records = [panorama.record_at(place) for place in places]
     assert records == [1, 2, 3, 4, 5]
@@ -72,7 +73,7 @@ def test_records_tell_how_far_away_they_are():
 
 
 def test_old_records_are_not_shown_again():
-    panorama = Panorama(CAMERA)
+    panorama = Panorama(smallest_pixel(VIEW))
     for k in range(5000):
         assert panorama.record_at(np.array([float(k), 0.0, 0.0])) == k + 1
     away = panorama.distances(np.zeros(3))

@@ -137,6 +137,9 @@ function shown(header) {
   note("outside", header.inside ? null : "You are outside of the built cells: all that is visible is drawn as geometry.", {
     kind: "warn", action: state.inside ? ["Take me back", () => server.send({ type: "pose", pose: state.inside })] : null,
   });
+  const preparing = (header.views ?? []).filter((one) => one.preparing).map((one) => one.technique);
+  note("preparing", preparing.length
+    ? `${preparing.join(" and ")} is being prepared for this city: meanwhile you see the geometry.` : null, { kind: "warn" });
   note("frozen", header.frozen ? "Frozen: impostors stay as they were. Fly around them." : null, {
     action: ["Unfreeze", () => change({ freeze: false })],
   });
