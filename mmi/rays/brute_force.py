@@ -24,10 +24,13 @@ _PARALLEL = 0.98
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BruteForce:
-    """A caster that tests every triangle. ``corners`` (m, 3, 3) float64 metres, ``normals`` (m, 3), 0 without area."""
+    """A caster that tests every triangle. ``corners`` (m, 3, 3) float64 metres, ``normals`` (m, 3), 0 without area, and
+    ``areas`` (m,), in square metres times two.
+    """
 
     corners: NDArray[np.float64]
     normals: NDArray[np.float64]
+    areas: NDArray[np.float64]
 
     def first_hits(self, origins: ArrayLike, directions: ArrayLike, *, nearest: float = 0.0) -> Hits:
         """First hits, as :class:`mmi.rays.hits.Caster` has them."""
@@ -38,7 +41,7 @@ class BruteForce:
         for first in range(0, len(along) if len(self.corners) else 0, some):
             part = slice(first, first + some)
             distances, volumes = self._meetings(starts[part], along[part], nearest)
-            chosen = self._first_drawn(starts[part], along[part], distances)
+            chosen = self._first_drawn(distances)
             rays = np.arange(len(chosen))
             hit = np.isfinite(distances[rays, chosen])
             hits.triangle[part] = np.where(hit, chosen, -1)
@@ -62,25 +65,27 @@ class BruteForce:
             met = one_sided & (total != 0.0) & (distances >= nearest)
         return np.where(met, distances, np.inf), weights
 
-    def _first_drawn(
-        self, origins: NDArray[np.float64], directions: NDArray[np.float64], distances: NDArray[np.float64]
-    ) -> NDArray[np.intp]:
+    def _first_drawn(self, distances: NDArray[np.float64]) -> NDArray[np.intp]:
         """(n,) of the faces that each ray meets in the plane of its nearest hit, the first."""
         nearest = distances.argmin(axis=1)
-        least = distances[np.arange(len(nearest)), nearest]
-        points = origins + np.where(np.isfinite(least), least, 0.0)[:, None] * directions
-        heights = np.einsum("nmk,mk->nm", points[:, None] - self.corners[None, :, 0], self.normals)
-        level = (np.abs(heights) <= FLAT) & (np.abs(self.normals[nearest] @ self.normals.T) >= _PARALLEL)
-        level &= np.isfinite(distances)
-        return np.where(level.any(axis=1), level.argmax(axis=1), nearest)
+        flat = np.stack([self._level_with(one) for one in nearest]) & np.isfinite(distances)
+        return np.where(flat.any(axis=1), flat.argmax(axis=1), nearest)
+
+    def _level_with(self, one: int) -> NDArray[np.bool_]:
+        """(m,) which triangles lie in the plane of triangle ``one``: the corners of the smaller in that of the larger."""
+        theirs = np.abs((self.corners - self.corners[one, 0]) @ self.normals[one]).max(axis=1)
+        its = np.abs(np.einsum("kmd,md->mk", self.corners[one, :, None] - self.corners[:, 0], self.normals)).max(axis=1)
+        away = np.where(self.areas <= self.areas[one], theirs, its)
+        return (away <= FLAT) & (np.abs(self.normals @ self.normals[one]) >= _PARALLEL)
 
 
 def brute_force(mesh: CityMesh) -> BruteForce:
     """A caster that tests every triangle of a mesh: for tests, or a handful of rays."""
     corners = mesh.positions[mesh.triangles].astype(np.float64)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    return BruteForce(corners, np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0.0))
+    areas = np.linalg.norm(normals, axis=1)
+    normals /= np.where(areas > 0.0, areas, 1.0)[:, None]
+    return BruteForce(corners, normals, areas)
 
 
 def _along(

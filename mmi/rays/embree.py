@@ -40,12 +40,12 @@ class EmbreeCaster:
         starts, along = rays_of(origins, directions)
         hits = no_hits(len(along))
         if self.scene is not None:
-            found = (hits.triangle, hits.distance, hits.weights)
 
             def cast(first: int, last: int) -> None:
                 part = slice(first, last)
                 some = starts[part] if len(starts) > 1 else starts
-                self._cast(some, along[part], nearest, (found[0][part], found[1][part], found[2][part]))
+                found = (hits.triangle[part], hits.distance[part], hits.weights[part])
+                self._cast(some, along[part], nearest, found)
 
             self.shares.run(cast, len(along))
         return hits
