@@ -2,8 +2,8 @@
 
 Read a city (:func:`read_city`), build a dataset of it (:func:`build_dataset`), open it (:func:`open_dataset`), read a cell's
 layers (:func:`read_impostor`), plot what was done (:func:`inspect_dataset`). The packages follow the paper, from the ground up:
-foundation, city, reading, appearance, cells, movers, walks, gltf, writing, visibility, parallax, validity, planning, capture,
-meshing, dataset, building, inspection, programs.
+foundation, city, reading, appearance, cells, movers, walks, gltf, writing, visibility, parallax, validity, rays, planning,
+capture, meshing, dataset, building, inspection, programs.
 """
 
 from __future__ import annotations

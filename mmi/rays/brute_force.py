@@ -92,4 +92,6 @@ def _along(
     directions: NDArray[np.float64], first: NDArray[np.float64], second: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """(n, m) the volumes that directions (n, 3) span with pairs of vectors (n, m, 3)."""
-    return np.einsum("nk,nmk->nm", directions, np.cross(first, second))
+    (ax, ay, az), (bx, by, bz) = np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0)
+    dx, dy, dz = directions.T[:, :, None]
+    return dx * (ay * bz - az * by) + dy * (az * bx - ax * bz) + dz * (ax * by - ay * bx)

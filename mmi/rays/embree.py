@@ -7,6 +7,7 @@ coincident faces, is computed here in double precision. Its robust mode is used,
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,7 +61,7 @@ class EmbreeCaster:
         """Cast some rays and write what they hit into ``found``: parts of the three arrays of hits."""
         moved = (origins + nearest * directions).astype(np.float32)
         said = self.scene.run(moved, directions.astype(np.float32), output=1)
-        _settle_all(origins, directions, self.corners, self.coincident, said["primID"], found)
+        _settle_all(origins, directions, nearest, self.corners, self.coincident, said["primID"], found)
 
 
 def embree_caster(mesh: CityMesh, *, workers: int) -> EmbreeCaster:
@@ -79,6 +80,7 @@ def embree_caster(mesh: CityMesh, *, workers: int) -> EmbreeCaster:
 def _settle_all(
     origins: NDArray[np.float64],
     directions: NDArray[np.float64],
+    nearest: float,
     corners: NDArray[np.float32],
     coincident: Coincident,
     said: NDArray[np.int32],
@@ -92,4 +94,5 @@ def _settle_all(
         o, d = origins[r if len(origins) > 1 else 0], directions[r]
         kx, ky, kz, sx, sy, sz = shear(d[0], d[1], d[2])
         hit, t, v, w = settle(corners, coincident, said[r], kx, ky, kz, o[kx], o[ky], o[kz], sx, sy, sz)
-        triangle[r], distance[r], weights[r, 0], weights[r, 1] = hit, t, v, w
+        if not math.isnan(t):
+            triangle[r], distance[r], weights[r, 0], weights[r, 1] = hit, max(t, nearest), v, w

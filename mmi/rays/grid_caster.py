@@ -138,4 +138,4 @@ def _walk(
                     break
         if hit >= 0:
             hit, best, v, w = settle(corners, coincident, hit, kx, ky, kz, px, py, pz, sx, sy, sz)
-            triangle[r], distance[r], weights[r, 0], weights[r, 1] = hit, best, v, w
+            triangle[r], distance[r], weights[r, 0], weights[r, 1] = hit, max(best, nearest), v, w

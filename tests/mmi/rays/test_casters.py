@@ -18,8 +18,8 @@ DATA = ROOT.parent / "shared" / "data"
 KINDS = ("grid", "embree")
 CITIES = {
     "helsinki": ROOT / "examples" / "helsinki" / "helsinki.osm.pbf",
-    "geores": DATA / "geores_textured",
-    "denhaag": DATA / "denhaag_cityjson",
+    "geores": DATA / "geores_textured" / "geoRES_testdata.xml",
+    "denhaag": DATA / "denhaag_cityjson" / "DenHaag_01.json",
 }
 
 
@@ -75,7 +75,7 @@ def test_soups(kind, count, nearest):
 def test_long_thin_triangles(kind):
     rng = np.random.default_rng(3)
     corners = rng.uniform(-500.0, 500.0, size=(60, 3, 3))
-    corners[:, 2] = corners[:, 1] + rng.normal(size=(60, 3))
+    corners[:, 2] = corners[:, 1] + rng.normal(size=(40, 3))
     tiny = rng.uniform(-20.0, 20.0, size=(500, 1, 3)) + 0.05 * rng.normal(size=(500, 3, 3))
     mesh = soup_mesh(np.concatenate([corners, tiny]))
     hold(mesh, rng.uniform(-30.0, 30.0, size=(2000, 3)), random_directions(rng, 2000), kind=kind)
@@ -188,7 +188,12 @@ def test_triangles_without_area_are_not_hit(kind):
     corners[::3, 2] = corners[::3, 1]
     corners[1::6] = corners[1::6, :1]
     mesh = soup_mesh(corners)
-    expected = hold(mesh, np.rint(rng.uniform(-5.0, 15.0, (2000, 3))) + 0.37, random_directions(rng, 2000), kind=kind)
+    expected = hold(
+        mesh,
+        np.add(np.rint(rng.uniform(-5.0, 15.0, (2000, 3))), (0.3719, 0.1123, 0.7301)),
+        random_directions(rng, 2000),
+        kind=kind,
+    )
     assert not (expected.triangle % 3 == 0)[expected.triangle >= 0].any()
 
 
@@ -219,16 +224,23 @@ def test_any_soup(seed, count, size, nearest):
     hold(mesh, origins, random_directions(rng, 200, flatness=rng.random()), kind="grid", nearest=nearest)
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", CITIES)
-def test_real_cities(kind, name):
+def test_real_cities(name):
+    """Half of the rays are aimed at triangles, half are nearly level."""
     if not CITIES[name].exists():
         pytest.skip("needs the cities of ../shared/data")
     mesh = build_city_mesh(read_city(CITIES[name])[0])
     rng = np.random.default_rng(1)
     low, high = mesh.positions.min(axis=0), mesh.positions.max(axis=0)
-    origins = rng.uniform(low, high, size=(80, 3))
-    origins[:50, 2] = low[2] + 1.7
-    directions = random_directions(rng, 80, flatness=0.2)
-    for nearest in (0.0, 100.0):
-        assert (hold(mesh, origins, directions, kind=kind, nearest=nearest).triangle >= 0).sum() > 5
+    origins = rng.uniform(low, high, size=(40, 3))
+    origins[:28, 2] = low[2] + 1.7
+    directions = random_directions(rng, 40, flatness=0.2)
+    aims = mesh.positions[mesh.triangles[rng.integers(len(mesh.triangles), size=20)]].mean(axis=1) - origins[::2]
+    directions[::2] = aims / np.linalg.norm(aims, axis=1, keepdims=True)
+    casters = [make_caster(mesh, kind=kind, workers=1) for kind in KINDS]
+    for nearest in (0.0, 50.0):
+        expected = brute_force(mesh).first_hits(origins, directions, nearest=nearest)
+        assert (expected.triangle >= 0).sum() > 10
+        for caster in casters:
+            found = caster.first_hits(origins, directions, nearest=nearest)
+            assert_same_hits(found, expected, mesh, origins, directions)
