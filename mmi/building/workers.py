@@ -25,10 +25,10 @@ from mmi.city.terrain import Terrain
 from mmi.dataset.cell_files import write_cell
 from mmi.dataset.folder import DatasetFolder
 from mmi.dataset.manifest import FORMAT_VERSION, CellEntry, CellRecord
-from mmi.foundation.errors import DatasetError, MmiError
+from mmi.foundation.errors import DatasetError, FaultError, MmiError
 from mmi.foundation.json_forms import fingerprint
 from mmi.foundation.plug_ins import said
-from mmi.foundation.processes import how_it_ended, package_version, peak_memory, without_interrupts
+from mmi.foundation.processes import how_it_ended, package_version, peak_memory, quiet_libraries, without_interrupts
 from mmi.foundation.stopwatch import Stopwatch
 from mmi.planning.parameters import BuildParameters
 from mmi.planning.plan import CellPlan, plan_cell, prepare_city
@@ -219,7 +219,7 @@ def _deal(folder: DatasetFolder, jobs: list[Job], crew: Mapping[Connection, Base
             except (EOFError, OSError) as error:
                 raise _ended(folder, crew[end]) from error
             if isinstance(answer, _Fault):
-                raise DatasetError(f"{folder.path}: {answer.what}; finished cells are kept") from RuntimeError(
+                raise answer.kind(f"{folder.path}: {answer.what}; finished cells are kept") from RuntimeError(
                     answer.trace
                 )
             if isinstance(answer, MmiError):
@@ -241,15 +241,17 @@ def _ended(folder: DatasetFolder, process: BaseProcess) -> DatasetError:
 
 @dataclass(frozen=True, slots=True)
 class _Fault:
-    """An error in a worker that is none of ours: what it was and where, and its traceback."""
+    """An error in a worker that is none of ours: what it was and where, its traceback, and what it becomes."""
 
     what: str
     trace: str
+    kind: type[MmiError] = FaultError
 
 
 def _fault(job: Job, error: Exception) -> _Fault:
     if isinstance(error, MemoryError):
-        return _Fault(f"cell {job.cell.id}: memory ran out ({error}); try fewer --workers", traceback.format_exc())
+        said_so = f"cell {job.cell.id}: memory ran out ({error}); try fewer --workers"
+        return _Fault(said_so, traceback.format_exc(), DatasetError)
     place = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{Path(place.filename).name}, line {place.lineno}"
     what = f"cell {job.cell.id}: {said(error)} ({where}); this is a fault of the program, please report it"
@@ -268,6 +270,7 @@ def _serve(jobs: Connection, path: str, parameters: BuildParameters) -> None:
 
     It reads the city that the dataset's folder holds, so that nothing large is sent between processes.
     """
+    quiet_libraries()
     os.environ["LP_NUM_THREADS"] = "1"  # software OpenGL: one thread a worker, as there is a worker a core
     worker: _Worker | None = None
     while True:

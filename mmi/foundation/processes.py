@@ -1,19 +1,24 @@
-"""What a process knows about itself (peak memory, cores, the version), and how others are started without Ctrl-C and end."""
+"""What a process knows about itself (peak memory, cores, the version), how others are started without Ctrl-C and end, and
+how libraries in it are kept quiet.
+"""
 
 from __future__ import annotations
 
+import logging
 import os
 import resource
 import signal
 import sys
-from collections.abc import Iterator
+import threading
+import warnings
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-__all__ = ["how_it_ended", "package_version", "peak_memory", "usable_cores", "without_interrupts"]
+__all__ = ["how_it_ended", "package_version", "peak_memory", "quiet_libraries", "usable_cores", "without_interrupts"]
 
 
 def package_version() -> str:
@@ -58,3 +63,23 @@ def usable_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def quiet_libraries(*, threads: Callable[[BaseException], None] = lambda _: None) -> Callable[[], None]:
+    """From now on neither warnings nor logs of libraries reach standard error; returns what undoes it.
+
+    Warnings that are to be errors still are. Logs go where whoever has set up logging wants them. Errors that end a thread go
+    to ``threads``, and those of finalizers, which end nothing, to nobody.
+    """
+    handler = logging.NullHandler()
+    before = warnings.showwarning, threading.excepthook, sys.unraisablehook
+    logging.getLogger().addHandler(handler)
+    warnings.showwarning = lambda *_: None
+    threading.excepthook = lambda args: threads(args.exc_value or args.exc_type())
+    sys.unraisablehook = lambda _: None
+
+    def undo() -> None:
+        warnings.showwarning, threading.excepthook, sys.unraisablehook = before
+        logging.getLogger().removeHandler(handler)
+
+    return undo

@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable
 from typing import TextIO
 
+from mmi.foundation.errors import one_line
+
 __all__ = ["Progress", "ProgressLog", "silent"]
 
 Progress = Callable[[int, int, str], None]
@@ -54,7 +56,11 @@ class ProgressLog:
         self._told = now
         left = (now - begun) * (total - done) / (done - first) if done > first else None
         rest = "" if left is None or done >= total else f", about {_duration(left)} left"
-        print(f"{self._things}: {done:,} of {total:,}{rest} ({name})", file=self._stream or sys.stderr, flush=True)
+        print(
+            f"{self._things}: {done:,} of {total:,}{rest} ({one_line(name)})",
+            file=self._stream or sys.stderr,
+            flush=True,
+        )
 
 
 def _duration(seconds: float) -> str:

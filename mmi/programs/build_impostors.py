@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from mmi.foundation.camera import Camera
-from mmi.foundation.errors import ParameterError
+from mmi.foundation.errors import ParameterError, one_line
 from mmi.foundation.processes import usable_cores
 from mmi.planning.choices import LAYERINGS, WEIGHTS, Choice
 from mmi.planning.parameters import PICTURES, VISIBILITIES, BuildParameters
@@ -226,7 +226,7 @@ def _build(options: argparse.Namespace) -> None:
     from mmi.walks.walk import read_walk
 
     walk = None if options.along is None else read_walk(options.along)
-    talk = Console(stderr=options.json, quiet=options.quiet, highlight=False)
+    talk = Console(stderr=options.json, quiet=options.quiet, highlight=False, markup=False, emoji=False)
     with ProgressBar("steps of reading", quiet=options.quiet) as advance:
         city, report = read_city(options.city, reading, progress=advance)
     # Whoever mistypes an option gets one line, not a table before it.
@@ -335,7 +335,7 @@ def _print_summary(talk: Console, summary: BuildSummary, out: Path, parameters: 
         pace = summary.built / summary.seconds
         talk.print(f" ({pace:.1f} cells/s)" if pace >= 1.0 else f" ({1.0 / pace:.1f} s a cell)", end="")
     talk.print(f"; peak memory {summary.peak_memory_bytes / 1e6:.0f} MB")
-    talk.print(f"{out}: {_cells(summary.cells)}, {summary.bytes / 1e6:.1f} MB", soft_wrap=True)
+    talk.print(f"{one_line(str(out))}: {_cells(summary.cells)}, {summary.bytes / 1e6:.1f} MB", soft_wrap=True)
     if summary.removed:
         talk.print(
             f"{_cells(summary.removed)} of an earlier build removed: built with other options, or of another city"

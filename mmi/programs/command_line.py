@@ -1,19 +1,22 @@
-"""What the project's programs have in common: one line for every mistake, exit status 0, 2 or 130, progress, option values."""
+"""What the project's programs have in common: one line for whatever is raised, progress, option values."""
 
 from __future__ import annotations
 
 import argparse
 import math
-import os
 import re
 import sys
+import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from mmi.foundation.errors import MmiError
+from mmi.foundation.errors import one_line
+from mmi.foundation.processes import quiet_libraries
 from mmi.foundation.progress import Progress, ProgressLog, silent
+from mmi.programs.endings import Ending, ending_of, fault_line, leave, open_streams, unwritten
 
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
@@ -40,29 +43,36 @@ class Parser(argparse.ArgumentParser):
 def run_program(
     parser: Parser, arguments: Sequence[str] | None, program: Callable[[argparse.Namespace], None], *, kept: str
 ) -> NoReturn:
-    """Parse, run, and turn every expected failure into one line and an exit status; ``kept`` is what Ctrl-C leaves behind."""
+    """Parse, run, and turn whatever is raised into one line and an exit status; ``kept`` is what Ctrl-C leaves behind.
+
+    Every program has ``--debug``, which prints the traceback before that line, and lets libraries warn and log.
+    """
+    open_streams()
     _look_here_for_plug_ins()
-    options = parser.parse_args(_with_negative_numbers(sys.argv[1:] if arguments is None else arguments))
+    parser.add_argument(
+        "--debug", action="store_true", help="print the traceback of an error, and what libraries warn of"
+    )
+    words = _with_negative_numbers(sys.argv[1:] if arguments is None else arguments)
+    debug = "--debug" in words
+    ending = Ending(0)
+    loud = quiet_libraries(threads=partial(_told_of_thread, parser.prog)) if not debug else None
     try:
-        program(options)
-        sys.stdout.flush()
-    except MmiError as error:
-        parser.exit(2, f"{parser.prog}: error: {_one_line(str(error))}\n")
-    except KeyboardInterrupt:
-        parser.exit(130, f"{parser.prog}: interrupted; {kept}\n")
-    except BrokenPipeError:  # whoever read our output has left: say nothing more, to nobody
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        parser.exit(2, f"{parser.prog}: error: {_one_line(f'{where}{error.strerror or error}')}\n")
-    sys.exit(0)
+        program(parser.parse_args(words))
+    except BaseException as error:
+        if debug and not isinstance(error, SystemExit):
+            traceback.print_exception(error)
+        ending = ending_of(error, kept=kept)
+    finally:
+        if loud is not None:
+            loud()
+    if ending.status == 0 and (broken := unwritten()) is not None:
+        ending = ending_of(broken, kept=kept)
+    leave(parser.prog, ending)
 
 
-def _one_line(text: str) -> str:
-    """The words of a message; characters in names from files that would command a terminal are written as codes."""
-    words = " ".join(text.split())
-    return "".join(one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in words)
+def _told_of_thread(program: str, error: BaseException) -> None:
+    """A thread that ends by an error does not end the program, and gets a line."""
+    print(f"{program}: {fault_line(error)}", file=sys.stderr, flush=True)
 
 
 class ProgressBar:
@@ -89,13 +99,13 @@ class ProgressBar:
             BarColumn(),
             MofNCompleteColumn(),
             TimeRemainingColumn(),
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             console=Console(stderr=True),
             transient=True,
         )
         task = bar.add_task("preparing", total=None)
         bar.start()
-        return lambda done, total, name: bar.update(task, completed=done, total=total, description=name)
+        return lambda done, total, name: bar.update(task, completed=done, total=total, description=one_line(name))
 
     def __exit__(self, *_: object) -> None:
         if self._bar is not None:

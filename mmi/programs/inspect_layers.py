@@ -7,6 +7,7 @@ import json
 from collections.abc import Sequence
 from typing import NoReturn
 
+from mmi.foundation.errors import one_line
 from mmi.programs.command_line import Parser, ProgressBar, path_option, run_program
 
 __all__ = ["inspect_layers"]
@@ -66,4 +67,4 @@ def _inspect(options: argparse.Namespace) -> None:
         print(json.dumps([str(path) for path in written], indent=1))
     else:
         for path in written:
-            print(path)
+            print(one_line(str(path)))

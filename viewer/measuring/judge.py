@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 from mmi.foundation.errors import CaptureError
-from mmi.foundation.processes import how_it_ended, without_interrupts
+from mmi.foundation.processes import how_it_ended, quiet_libraries, without_interrupts
 from mmi.walks.walk import Pose
 from viewer.cells.cell_cache import CellCache
 from viewer.drawing.drawn_picture import DrawnPicture
@@ -89,7 +89,7 @@ class Judge:
             # No more than can be busy at a time.
             processes = min(workers, _PENDING + 1)
             others = active_children()
-            self._pool = ProcessPoolExecutor(processes, get_context("spawn"), initializer=_ignore_interrupts)
+            self._pool = ProcessPoolExecutor(processes, get_context("spawn"), initializer=_leave_it_to_the_parent)
             with without_interrupts():  # a task that meets no idle process starts one: all of them at once, here
                 for _ in range(processes):
                     self._pool.submit(os.getpid)
@@ -224,6 +224,7 @@ def _compare(
     return view_errors(truth, shown, focal=focal, disoccluded=disoccluded, flip=flip)
 
 
-def _ignore_interrupts() -> None:
-    """Ctrl-C is the business of the process that started this one."""
+def _leave_it_to_the_parent() -> None:
+    """Ctrl-C is the business of the process that started this one, and so is what people read."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    quiet_libraries()

@@ -356,7 +356,9 @@ def _print_reading(report: CityReport, options: argparse.Namespace) -> None:
     from rich.console import Console
 
     with suppress(SystemExit):  # rich leaves when nobody reads its output any more (| head)
-        print_warnings(Console(stderr=options.json, quiet=options.quiet, highlight=False), report)
+        print_warnings(
+            Console(stderr=options.json, quiet=options.quiet, highlight=False, markup=False, emoji=False), report
+        )
 
 
 def _check_movers(options: argparse.Namespace, *, walking: bool) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mmi.foundation.errors import one_line
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -16,10 +18,10 @@ def print_comparison(report: dict[str, Any], out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    talk = Console(highlight=False, markup=False)
+    talk = Console(highlight=False, markup=False, emoji=False)
     if not talk.is_terminal:
-        talk = Console(highlight=False, markup=False, width=120)
-    title = f"{report['source']['name']}: {report['views']} views at {report['display']['width']} x "
+        talk = Console(highlight=False, markup=False, emoji=False, width=120)
+    title = f"{one_line(report['source']['name'])}: {report['views']} views at {report['display']['width']} x "
     title += f"{report['display']['height']}, drawn by {report['device']}"
     table = Table(title=title, title_justify="left", title_style="", box=None, pad_edge=False)
     table.add_column("technique", no_wrap=True)
@@ -49,7 +51,7 @@ def print_comparison(report: dict[str, Any], out: Path) -> None:
     _print_settling(report, talk)
     _print_rays(report, talk)
     _print_movers(report, talk)
-    talk.print(f"{out / 'report.html'}", soft_wrap=True)
+    talk.print(one_line(str(out / "report.html")), soft_wrap=True)
 
 
 def _print_promise(source: dict[str, Any], talk: Console) -> None:
@@ -117,7 +119,8 @@ def _print_movers(report: dict[str, Any], talk: Console) -> None:
     """How what moves was drawn, where something does."""
     if report["movers"] is None:
         return
-    talk.print(f"\n{report['movers']['objects']} moving objects of {report['movers']['source']}, in a frame's view:")
+    source = one_line(report["movers"]["source"])
+    talk.print(f"\n{report['movers']['objects']} moving objects of {source}, in a frame's view:")
     for name, entry in report["techniques"].items():
         one = entry["movers"]
         images = f"{one['captured'] + one['reused']:.1f} as images"

@@ -16,7 +16,7 @@ from mmi.building.workers import Job, _as_ours, _deal, _fault
 from mmi.dataset.folder import DatasetFolder, build_folder
 from mmi.dataset.reading import open_dataset
 from mmi.foundation.camera import Camera
-from mmi.foundation.errors import CityError, DatasetError
+from mmi.foundation.errors import CityError, DatasetError, FaultError
 from mmi.planning.parameters import BuildParameters
 
 PARAMETERS = BuildParameters(near_distance=30.0, camera=Camera(128, 128, 1.0), cell_length=80.0)
@@ -68,7 +68,7 @@ def test_the_end_of_a_worker_is_an_error_that_says_how(tmp_path, how, expected):
     if how == "dies at once":
         process.join()
     try:
-        with pytest.raises(DatasetError, match=expected) as raised:
+        with pytest.raises(FaultError if how == "fails" else DatasetError, match=expected) as raised:
             list(_deal(DatasetFolder(tmp_path), _jobs(1), {ours: process}))
     finally:
         process.kill()
