@@ -45,7 +45,12 @@ FLOORS = {
     ),
 }
 """The rooms (packages, and modules beside them) of each package from the ground up; a room imports from lower floors only."""
-ONLY_IN = {"pyrender": "mmi/capture/", "OpenGL": "mmi/capture/", "moderngl": "viewer/drawing/"}
+ONLY_IN = {
+    "pyrender": "mmi/capture/",
+    "OpenGL": "mmi/capture/",
+    "moderngl": "viewer/drawing/",
+    "numba": "mmi/foundation/kernels.py",
+}
 MOST_LINES = 420
 MOST_FILES = 13
 MUTABLE_CALLS = {"list", "dict", "set", "bytearray", "defaultdict", "OrderedDict", "Counter", "deque"}

@@ -15,9 +15,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
+
+from mmi.foundation.kernels import kernel
 
 __all__ = [
     "CLEAR_BELOW",
@@ -75,7 +76,7 @@ def alpha_levels(texture: NDArray[np.uint8]) -> AlphaLevels:
     return AlphaLevels(texels, sizes, starts)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def is_clear(
     texels: NDArray[np.uint8],
     sizes: NDArray[np.int64],
@@ -164,7 +165,7 @@ def cut_out_triangles(blocks: ClearBlocks, uv: NDArray[np.float32], triangles: N
     return before[y1, x1] - before[y0, x1] - before[y1, x0] + before[y0, x0] > 0
 
 
-@njit(cache=True)
+@kernel()
 def _halved(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """(h, w, c) -> (h // 2, w // 2, c), at least one row and column: means, halves rounded up."""
     height, width, channels = pixels.shape
@@ -184,7 +185,7 @@ def _halved(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return found
 
 
-@njit(cache=True)
+@kernel()
 def _shared(alpha: NDArray[np.uint8], share: NDArray[np.uint8], tile: int) -> NDArray[np.uint8]:
     """The kernel of :func:`with_solid_share`."""
     height, width = alpha.shape

@@ -17,7 +17,7 @@ from mmi.capture.rims import touching, with_rims
 from mmi.capture.unseen import without_unseen
 from mmi.capture.windows import layer_views
 from mmi.cells.viewing_cells import ViewingCell
-from mmi.foundation.stopwatch import Stopwatch
+from mmi.foundation.progress import Stopwatch
 from mmi.meshing.displacement import displacement
 from mmi.meshing.grid_mesh import grid_mesh
 from mmi.meshing.ordering import CapturedLayer, out_of_order

@@ -29,7 +29,7 @@ from mmi.foundation.errors import DatasetError, FaultError, MmiError
 from mmi.foundation.json_forms import fingerprint
 from mmi.foundation.plug_ins import said
 from mmi.foundation.processes import how_it_ended, package_version, peak_memory, quiet_libraries, without_interrupts
-from mmi.foundation.stopwatch import Stopwatch
+from mmi.foundation.progress import Stopwatch
 from mmi.planning.parameters import BuildParameters
 from mmi.planning.plan import CellPlan, plan_cell, prepare_city
 

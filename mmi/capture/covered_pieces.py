@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.capture.dilation import dilate
 from mmi.capture.layer_values import DepthTexture
+from mmi.foundation.kernels import kernel
 
 __all__ = ["covered_pieces", "covered_windows"]
 
@@ -66,7 +66,7 @@ def _area(span: tuple[int, int, int, int]) -> int:
     return (span[1] - span[0] + 1) * (span[3] - span[2] + 1)
 
 
-@njit(cache=True)
+@kernel()
 def _blocks_with_coverage(covered: NDArray[np.bool_], side: int) -> NDArray[np.bool_]:
     """(rows, columns): blocks of ``side`` texels that hold a covered one, or touch one (filtering reaches beyond)."""
     height, width = covered.shape

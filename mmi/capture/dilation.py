@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mmi.foundation.kernels import kernel
 
 __all__ = ["dilate"]
 
 
-@njit(cache=True)
+@kernel()
 def dilate(color: NDArray[np.uint8], covered: NDArray[np.bool_], reach: int) -> NDArray[np.uint8]:
     """``color`` (h, w, 3) with texels that are not ``covered`` (h, w) filled in.
 
@@ -68,7 +69,7 @@ def dilate(color: NDArray[np.uint8], covered: NDArray[np.bool_], reach: int) -> 
     return result
 
 
-@njit(cache=True)
+@kernel()
 def _touches(ring: NDArray[np.int32], i: int, j: int, level: int) -> bool:
     """Whether a texel has a neighbour of this ring."""
     for y in range(max(i - 1, 0), min(i + 2, ring.shape[0])):

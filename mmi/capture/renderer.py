@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 import pyrender
-from numba import njit
 from numpy.typing import NDArray
 from OpenGL import GL
 from OpenGL.error import Error as OpenGLError
@@ -33,6 +32,7 @@ from mmi.capture.cut_out_materials import CutOutPrograms, SharperTexture, cut_ou
 from mmi.capture.layer_values import DepthTexture
 from mmi.foundation.camera import View
 from mmi.foundation.errors import CaptureError
+from mmi.foundation.kernels import kernel
 
 __all__ = ["Capturer"]
 
@@ -306,7 +306,7 @@ class _SingleSampleRenderer(Renderer):
         return rgba[::-1], _eye_depth(window_depth, rgba, camera.znear, camera.zfar)
 
 
-@njit(cache=True)
+@kernel()
 def _eye_depth(
     window_depth: NDArray[np.float32], rgba: NDArray[np.uint8], near: float, far: float
 ) -> NDArray[np.float32]:

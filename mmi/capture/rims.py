@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.capture.layer_values import DepthTexture
 from mmi.city.model import City
+from mmi.foundation.kernels import kernel
 from mmi.foundation.ray_chords import Intrinsics, chord, intrinsics_of
 
 __all__ = ["touching", "with_rims"]
@@ -73,7 +73,7 @@ def with_rims(
 _Picture = tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.int32]]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _rimmed(
     picture: _Picture,
     other: _Picture,

@@ -9,10 +9,10 @@ memory for nothing, and mixes into the depths of what is visible beside it.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.capture.layer_values import DepthTexture
+from mmi.foundation.kernels import kernel
 from mmi.visibility.selection import WallVisibility
 from mmi.visibility.walls import Walls
 
@@ -58,7 +58,7 @@ def without_unseen(texture: DepthTexture, walls: Walls, wall_visibility: WallVis
     return DepthTexture(view, texture.color, depth, ids)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _hidden(
     depth: NDArray[np.float32],
     ids: NDArray[np.int32],

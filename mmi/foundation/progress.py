@@ -1,15 +1,19 @@
-"""How far long work has come: what functions that take a while call, and a log of it for where there is no terminal."""
+"""How far long work has come, and how long it took: what functions that take a while call, a log of it for where there is no
+terminal, and a watch for the stages of a build.
+"""
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import TextIO
 
 from mmi.foundation.errors import one_line
 
-__all__ = ["Progress", "ProgressLog", "silent"]
+__all__ = ["Progress", "ProgressLog", "Stopwatch", "silent"]
 
 Progress = Callable[[int, int, str], None]
 """Called with how much is done, how much there is, and the name of what was done last or is being done."""
@@ -61,6 +65,22 @@ class ProgressLog:
             file=self._stream or sys.stderr,
             flush=True,
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stopwatch:
+    """Seconds spent in each stage."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time the body of a ``with`` statement under ``name``."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
 
 def _duration(seconds: float) -> str:

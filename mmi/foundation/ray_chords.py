@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
+from mmi.foundation.kernels import kernel
 
 __all__ = ["Intrinsics", "chord", "intrinsics_of", "may_exceed"]
 
@@ -27,7 +27,7 @@ def intrinsics_of(view: View, viewpoints: NDArray[np.float64]) -> tuple[Intrinsi
     return Intrinsics(float(view.window[0]), float(view.window[1]), view.focal), offsets
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def chord(
     x: float, y: float, captured: float, drawn: float, intrinsics: Intrinsics, offsets: NDArray[np.float64]
 ) -> float:
@@ -47,7 +47,7 @@ def chord(
     return most**0.5
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@kernel(error_model="numpy", fastmath=True)
 def may_exceed(most: float, near: float, far: float, reach: float) -> bool:
     """Whether the square of the chord between two points of a capture ray may exceed ``most``, from ``reach`` metres around.
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.capture.layer_values import DepthTexture, GridMesh
+from mmi.foundation.kernels import kernel
 from mmi.foundation.ray_chords import Intrinsics, chord, intrinsics_of, may_exceed
 
 __all__ = ["Captured", "Vertices", "as_seen", "displaced_by", "displacement"]
@@ -47,7 +47,7 @@ def as_seen(texture: DepthTexture, viewpoints: NDArray[np.float64]) -> Captured:
     return Captured(inverse, *intrinsics_of(texture.view, viewpoints))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def displaced_by(
     captured: Captured, vertices: Vertices, corners: tuple[int, int, int], reach: float, least: float
 ) -> float:
@@ -78,7 +78,7 @@ def displaced_by(
     return least
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _displacement(captured: Captured, vertices: Vertices, triangles: NDArray[np.int32]) -> float:
     """The largest chord (see :func:`chord`) over all captured texels, each drawn by the triangle that its centre lies in."""
     most, reach = 0.0, (captured.offsets**2).sum(axis=1).max() ** 0.5

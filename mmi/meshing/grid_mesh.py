@@ -18,10 +18,10 @@ corners differ in depth is not what the capture saw. Rectangles are cut until th
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.capture.layer_values import DepthTexture, GridMesh
+from mmi.foundation.kernels import kernel
 from mmi.foundation.ray_chords import chord
 from mmi.meshing.displacement import Captured, as_seen
 from mmi.meshing.triangulation import UV_ERROR, stretch, triangulated
@@ -50,7 +50,7 @@ def grid_mesh(texture: DepthTexture, *, viewpoints: NDArray[np.float64], toleran
     return GridMesh(vertices.astype(np.float32), uv.astype(np.float32), triangles)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _value(inverse: NDArray[np.float64], x: int, y: int) -> float:
     """1/z at the corner (x, y) of texels: on the plane of the texels around it that belong to the nearest one's surface.
 
@@ -105,7 +105,7 @@ def _value(inverse: NDArray[np.float64], x: int, y: int) -> float:
     return min(max(found, low - spread * max(far, 1.0), 0.5 * low), high + spread * max(far, 1.0))
 
 
-@njit(cache=True)
+@kernel()
 def _plane_at_origin(
     n: float, sx: float, sy: float, sxx: float, sxy: float, syy: float, sw: float, sxw: float, syw: float
 ) -> float:
@@ -123,7 +123,7 @@ def _plane_at_origin(
     return mw
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _trimmed(covered: NDArray[np.bool_], box: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
     """The part of a box (x0, y0, x1, y1) that holds covered texels; (0, 0, 0, 0) where none is."""
     x0, y0, x1, y1 = box
@@ -135,7 +135,7 @@ def _trimmed(covered: NDArray[np.bool_], box: tuple[int, int, int, int]) -> tupl
     return (left, top, right, bottom) if right > left else (0, 0, 0, 0)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _worst(
     captured: Captured, box: tuple[int, int, int, int], corners: tuple[float, float, float, float], tolerance: float
 ) -> tuple[int, int]:
@@ -173,7 +173,7 @@ def _worst(
     return at
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _stretched(box: tuple[int, int, int, int], corners: tuple[float, float, float, float]) -> tuple[bool, bool]:
     """Whether a box is to be cut in x, and in y, since perspective interpolation along its sides or diagonal is off by too
     much.
@@ -188,7 +188,7 @@ def _stretched(box: tuple[int, int, int, int], corners: tuple[float, float, floa
     return across >= down, across < down
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _cut(inverse: NDArray[np.float64], box: tuple[int, int, int, int], at: tuple[int, int]) -> tuple[bool, int]:
     """Where to cut a box with a displaced texel: (whether across x, the coordinate of the cut).
 
@@ -231,7 +231,7 @@ def _cut(inverse: NDArray[np.float64], box: tuple[int, int, int, int], at: tuple
     return across, where
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _cut_beside(
     box: tuple[int, int, int, int],
     known: NDArray[np.float64],
@@ -268,7 +268,7 @@ def _cut_beside(
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _halves(box: tuple[int, int, int, int], across: bool, where: int) -> list[tuple[int, int, int, int]]:
     """The two parts of a box that is cut at a coordinate, across x or across y."""
     x0, y0, x1, y1 = box
@@ -277,7 +277,7 @@ def _halves(box: tuple[int, int, int, int], across: bool, where: int) -> list[tu
     return [(x0, y0, x1, where), (x0, where, x1, y1)]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _mesh(captured: Captured, tolerance: float) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
     """Vertices on the lattice of texel corners (n, 2), triangles (m, 3), and the vertices' 1/z (n,)."""
     inverse = captured.inverse

@@ -18,12 +18,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.capture.layer_values import GridMesh
 from mmi.city.terrain import Terrain
 from mmi.foundation.camera import View
+from mmi.foundation.kernels import kernel
 
 __all__ = ["CapturedLayer", "out_of_order"]
 
@@ -126,7 +126,7 @@ def _rays(view: View) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray
     return azimuth, stretch, -v[:, None] / (view.focal * stretch)
 
 
-@njit(cache=True)
+@kernel()
 def _cover(texels: _Texels, ranges: _Ranges) -> None:
     """Widen each bin's range, ``near`` to ``far`` (rows, columns), by the distances of a picture's texels in it."""
     depth, column, stretch, row = texels
@@ -140,7 +140,7 @@ def _cover(texels: _Texels, ranges: _Ranges) -> None:
                 far[r, c] = max(far[r, c], distance)
 
 
-@njit(cache=True)
+@kernel()
 def _cover_with(solids: NDArray[np.float64], low: float, step: float, ranges: _Ranges) -> None:
     """The same for triangles: each widens all bins that its ranges of azimuth and slope touch by its range of distances."""
     near, far = ranges
@@ -182,7 +182,7 @@ def _heights_around(
     return terrain.at(points) - eye[2], apart
 
 
-@njit(cache=True)
+@kernel()
 def _cover_with_ground(
     heights: NDArray[np.float64],
     apart: float,
@@ -202,7 +202,7 @@ def _cover_with_ground(
                 far[r, c] = max(far[r, c], np.float32(apart * (k + 1)))
 
 
-@njit(cache=True)
+@kernel()
 def _least_around(values: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
     """(layers, rows, columns): the least within ``reach`` bins each way; columns go around."""
     layers, rows, columns = values.shape
@@ -221,7 +221,7 @@ def _least_around(values: NDArray[np.float32], reach: int) -> NDArray[np.float32
     return result
 
 
-@njit(cache=True)
+@kernel()
 def _harmed(
     corners: NDArray[np.float64],
     nearness: NDArray[np.float64],

@@ -7,9 +7,9 @@ captured, and else from its middle.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mmi.foundation.kernels import kernel
 from mmi.meshing.displacement import Captured, Vertices, displaced_by
 
 __all__ = ["UV_ERROR", "stretch", "triangulated"]
@@ -18,7 +18,7 @@ UV_ERROR = 1.0
 """Texels by which perspective interpolation may be off."""
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def stretch(length: float, one: float, other: float) -> float:
     """Texels by which perspective interpolation of texture coordinates is off halfway between two vertices, of these 1/z.
 
@@ -27,7 +27,7 @@ def stretch(length: float, one: float, other: float) -> float:
     return 0.5 * length * abs(one - other) / (one + other)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def triangulated(
     captured: Captured, boxes: list[tuple[int, int, int, int]], known: NDArray[np.float64], tolerance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
@@ -96,7 +96,7 @@ def triangulated(
     return lattice[:count], corners_of, values[:count]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _apex(captured: Captured, vertices: Vertices, ring: NDArray[np.int32], middle: int, tolerance: float) -> int:
     """The place in a rectangle's ``ring`` of a vertex from which a fan shows it as well as one from its middle; -1 for none.
 
@@ -130,7 +130,7 @@ def _apex(captured: Captured, vertices: Vertices, ring: NDArray[np.int32], middl
     return -1
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _area(lattice: NDArray[np.float64], a: int, b: int, c: int) -> float:
     """Twice the area of a triangle, positive if counter-clockwise as seen from the capture."""
     return (lattice[b, 1] - lattice[a, 1]) * (lattice[c, 0] - lattice[a, 0]) - (lattice[b, 0] - lattice[a, 0]) * (

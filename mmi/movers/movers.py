@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.city.model import TriangleMesh
 from mmi.foundation.errors import ParameterError
+from mmi.foundation.kernels import kernel
 
 __all__ = ["LARGEST", "NOTHING_MOVES", "SHORTEST", "Movers", "distances", "pose_matrices"]
 
@@ -205,7 +205,7 @@ def distances(eye: _Floats, poses: _Floats, boxes: _Floats) -> _Floats:
     return np.asarray(np.linalg.norm(np.maximum(np.maximum(boxes[:, 0] - own, own - boxes[:, 1]), 0.0), axis=1))
 
 
-@njit(cache=True)
+@kernel()
 def _last_before(
     times: NDArray[np.float64], firsts: NDArray[np.int64], ends: NDArray[np.int64], time: float
 ) -> NDArray[np.int64]:

@@ -17,12 +17,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from numba import njit
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.city.model import CityObject
+from mmi.foundation.kernels import kernel
 from mmi.parallax.critical_zone import cell_region, interacting_pairs
 
 __all__ = ["critical_zone_weights", "pair_weights"]
@@ -116,7 +116,7 @@ def _boundary_samples(half_length: float, half_width: float, nearest: float) -> 
     return np.concatenate(sides)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _spacing(distance: float, diameter: float) -> float:
     """Metres between samples, ``distance`` metres away from the cell, that add _TOLERANCE * diameter / distance radians.
 
@@ -125,7 +125,7 @@ def _spacing(distance: float, diameter: float) -> float:
     return 2.0 * math.sqrt(_TOLERANCE * distance * max(distance, diameter))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _gap(x0: float, y0: float, x1: float, y1: float, half_length: float, half_width: float) -> float:
     """Metres between a segment outside the rectangle |x| <= half_length, |y| <= half_width and that rectangle."""
     least = math.inf
@@ -145,7 +145,7 @@ def _gap(x0: float, y0: float, x1: float, y1: float, half_length: float, half_wi
     return least
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _outline_samples(
     coordinates: NDArray[np.float64],
     ring_ends: NDArray[np.int64],
@@ -199,7 +199,7 @@ def _outline_samples(
     return points[:count], slack[:count], sum_slack[:count], object_ends
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _azimuth_bounds(
     x: float, y: float, boundary: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
 ) -> None:
@@ -225,7 +225,7 @@ def _azimuth_bounds(
         low[k], high[k] = low[k] - high[k], low[k] + high[k]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _object_tables(
     points: NDArray[np.float64],
     slack: NDArray[np.float64],
@@ -253,7 +253,7 @@ def _object_tables(
     return np.minimum(rising, math.pi), np.minimum(falling, math.pi)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _largest_changes(
     rising: NDArray[np.float64], falling: NDArray[np.float64], pairs: NDArray[np.int64]
 ) -> NDArray[np.float64]:
@@ -277,7 +277,7 @@ def _largest_changes(
     return weights
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _object_sums(
     points: NDArray[np.float64],
     sum_slack: NDArray[np.float64],
@@ -302,7 +302,7 @@ def _object_sums(
     return least, most
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _largest_unsigned_changes(
     rising: NDArray[np.float64],
     falling: NDArray[np.float64],
@@ -343,7 +343,7 @@ def _largest_unsigned_changes(
     return weights
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _farthest_from_full_turns(low: float, high: float) -> float:
     """Largest distance of a number in [low, high] to the multiples of 2 pi."""
     turn = 2.0 * math.pi

@@ -11,8 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mmi.foundation.kernels import kernel
 
 __all__ = ["RayViewpoints", "angle_of", "closest_to_level", "no_wider_than", "on_ray", "widest"]
 
@@ -31,7 +32,7 @@ class RayViewpoints(NamedTuple):
     rise: float
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def on_ray(ux: float, uy: float, viewpoints: NDArray[np.float64], seen: RayViewpoints) -> None:
     """Sets ``seen`` to the ``viewpoints`` (p, 2), metres from the reference, in the frame of the ray towards (ux, uy)."""
     for k in range(len(viewpoints)):
@@ -39,7 +40,7 @@ def on_ray(ux: float, uy: float, viewpoints: NDArray[np.float64], seen: RayViewp
         seen.aside[k] = ux * viewpoints[k, 1] - uy * viewpoints[k, 0]
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@kernel(error_model="numpy", fastmath=True)
 def widest(
     near: float, far: float, lowest: float, highest: float, viewpoints: RayViewpoints, visible: NDArray[np.bool_]
 ) -> float:
@@ -70,13 +71,13 @@ def widest(
     return most
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _within(slope: float, lowest: float, highest: float) -> float:
     """``slope`` upwards if it is in the range or beyond it, or else downwards, moved into the range if need be."""
     return min(max(slope, lowest), highest) if slope <= highest else min(max(-slope, lowest), highest)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _parting_most(near: float, far: float, r1: float, r2: float, dot: float) -> float:
     """The slope (upwards or downwards) of the ray whose points ``near`` and ``far`` metres away part most, 0 for level.
 
@@ -89,7 +90,7 @@ def _parting_most(near: float, far: float, r1: float, r2: float, dot: float) -> 
     return math.sqrt(numerator / denominator) if numerator > 0.0 and denominator > 0.0 else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def no_wider_than(
     near: float, far: float, lowest: float, highest: float, viewpoints: RayViewpoints, visible: NDArray[np.bool_]
 ) -> float:
@@ -131,13 +132,13 @@ def no_wider_than(
     return most
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def angle_of(chord_square: float) -> float:
     """The angle between unit vectors whose tips are that far apart."""
     return 2.0 * math.asin(min(0.5 * math.sqrt(chord_square), 1.0))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def closest_to_level(low: float, high: float) -> float:
     """The number in [low, high] that is closest to zero."""
     return min(max(0.0, low), high)

@@ -24,10 +24,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.cells.viewing_cells import ViewingCell
+from mmi.foundation.kernels import kernel
 from mmi.parallax.ray_angles import RayViewpoints, on_ray, widest
 from mmi.visibility.selection import WallVisibility
 from mmi.visibility.visible_walls import VisibleWalls, visible_walls
@@ -54,7 +54,7 @@ def same_ray_weights(
     return pairs, table[pairs[:, 0], pairs[:, 1]]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _columns_of(
     ax: float, ay: float, bx: float, by: float, columns: int, rays: NDArray[np.float64], spans: NDArray[np.float64]
 ) -> tuple[int, int]:
@@ -85,7 +85,7 @@ def _columns_of(
     return begin, last - begin + 1
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _pair_weights(visible: VisibleWalls, columns: int) -> NDArray[np.float64]:
     """(n, n) radians: [i, j] for what of object j may open behind i, of the objects whose walls are ``visible``.
 

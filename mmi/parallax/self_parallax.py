@@ -18,11 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.city.model import City
+from mmi.foundation.kernels import kernel
 from mmi.foundation.ray_chords import may_exceed
 from mmi.parallax.critical_zone import cell_region
 from mmi.parallax.ray_angles import RayViewpoints, angle_of, closest_to_level, no_wider_than, on_ray, widest
@@ -94,12 +94,12 @@ class _Hits(NamedTuple):
     walls: NDArray[np.int64]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _bin_of(azimuth: float, least: float, scale: float, bins: int) -> int:
     return min(max(math.floor((azimuth - least) * scale), 0), bins - 1)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _fan(a: NDArray[np.float64], b: NDArray[np.float64], first: int, end: int) -> _Fan:
     """The walls ``first`` to ``end`` of ``a``, ``b`` (w, 2) by azimuth."""
     n, zero = end - first, a[first]
@@ -139,7 +139,7 @@ def _fan(a: NDArray[np.float64], b: NDArray[np.float64], first: int, end: int) -
     return _Fan(zero, least, scale, starts, walls)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _distance(ux: float, uy: float, a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     """Metres to where the ray towards (ux, uy) meets the wall from ``a`` to ``b`` (2,), 0 where it does not."""
     ca, cb = ux * a[1] - uy * a[0], ux * b[1] - uy * b[0]
@@ -149,7 +149,7 @@ def _distance(ux: float, uy: float, a: NDArray[np.float64], b: NDArray[np.float6
     return max(ux * (a[0] + s * (b[0] - a[0])) + uy * (a[1] + s * (b[1] - a[1])), 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _meet(ux: float, uy: float, a: NDArray[np.float64], b: NDArray[np.float64], fan: _Fan, hits: _Hits) -> int:
     """Sets ``hits`` to the walls that the ray towards (ux, uy) meets, in order of the walls; returns how many."""
     azimuth = math.atan2(fan.zero[0] * uy - fan.zero[1] * ux, fan.zero[0] * ux + fan.zero[1] * uy)
@@ -164,7 +164,7 @@ def _meet(ux: float, uy: float, a: NDArray[np.float64], b: NDArray[np.float64], 
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _along_wall(
     a: NDArray[np.float64],
     b: NDArray[np.float64],
@@ -220,7 +220,7 @@ def _along_wall(
     return most
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _along_ray(
     most: float,
     reach: float,
@@ -272,7 +272,7 @@ def _along_ray(
     return most
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _where_edges_meet(
     most: float,
     reach: float,
@@ -307,7 +307,7 @@ def _where_edges_meet(
     return most
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _between_rays(
     most: float, reach: float, fan: _Fan, visible: VisibleWalls, seen: NDArray[np.bool_], viewpoints: RayViewpoints
 ) -> float:
@@ -327,7 +327,7 @@ def _between_rays(
     return most
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _self_parallax(visible: VisibleWalls, texels: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) radians; ``texels`` (w,) are the angles within which rays towards a wall are one."""
     a, b = visible.a, visible.b

@@ -20,13 +20,13 @@ from typing import NamedTuple
 import networkx as nx
 import numpy as np
 import shapely
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import Point
 from shapely.geometry.base import BaseGeometry
 
 from mmi.city.model import CityObject
 from mmi.foundation.errors import ParameterError
+from mmi.foundation.kernels import kernel
 from mmi.planning.choices import LAYERINGS, Choice, blaming, choose, function_of
 
 __all__ = [
@@ -190,7 +190,7 @@ def layers_greedy(graph: nx.Graph, strategy: str) -> Layers:
     return [nodes[colors == color] for color in range(colors.max(initial=-1) + 1)]
 
 
-@njit(cache=True)
+@kernel()
 def _first_free(joined: NDArray[np.bool_], order: NDArray[np.int64]) -> NDArray[np.int64]:
     """(n,) colours, given in ``order`` (n,)."""
     colors = np.full(len(order), -1, dtype=np.int64)
@@ -206,7 +206,7 @@ def _first_free(joined: NDArray[np.bool_], order: NDArray[np.int64]) -> NDArray[
     return colors
 
 
-@njit(cache=True)
+@kernel()
 def _smallest_last(joined: NDArray[np.bool_], degrees: NDArray[np.int64]) -> NDArray[np.int64]:
     """(n,) the order in which to colour."""
     n = len(degrees)
@@ -221,7 +221,7 @@ def _smallest_last(joined: NDArray[np.bool_], degrees: NDArray[np.int64]) -> NDA
     return order
 
 
-@njit(cache=True)
+@kernel()
 def _saturated(joined: NDArray[np.bool_], degrees: NDArray[np.int64]) -> NDArray[np.int64]:
     """(n,) colours."""
     n = len(degrees)
@@ -290,7 +290,7 @@ def boxes_of(eye: ArrayLike, objects: Sequence[CityObject]) -> NDArray[np.float6
     return panorama_boxes(eye, [one.footprint for one in objects], bottoms, tops)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _ring_arcs(offsets: NDArray[np.float64], ring_ends: NDArray[np.int64]) -> NDArray[np.float64]:
     """(r, 2) the azimuths that each ring covers, walked around it; ``offsets`` are coordinates relative to the eye."""
     arcs = np.empty((len(ring_ends), 2))
@@ -309,7 +309,7 @@ def _ring_arcs(offsets: NDArray[np.float64], ring_ends: NDArray[np.int64]) -> ND
     return arcs
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _on_one_turn(arcs: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The starts (n,) of ``arcs`` (n, 2) moved into [-pi, pi), and the ends (n,) as far behind them as before."""
     turn = 2.0 * math.pi
@@ -317,7 +317,7 @@ def _on_one_turn(arcs: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
     return starts, starts + (arcs[:, 1] - arcs[:, 0])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _cover(arcs: NDArray[np.float64]) -> tuple[float, float]:
     """The shortest arc that covers ``arcs`` (n, 2): its start in [-pi, pi) and its width, at most 2 pi."""
     turn = 2.0 * math.pi
@@ -338,7 +338,7 @@ class _Arcs(NamedTuple):
     ends: NDArray[np.float64]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _areas_with(
     node: int,
     count: int,

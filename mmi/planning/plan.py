@@ -19,7 +19,7 @@ from mmi.appearance.city_mesh import CityMesh, build_city_mesh
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.city.model import City
 from mmi.foundation.errors import ParameterError
-from mmi.foundation.stopwatch import Stopwatch
+from mmi.foundation.progress import Stopwatch
 from mmi.planning.choices import blaming, function_of
 from mmi.planning.layering import assign_layers, boxes_of, event_graph
 from mmi.planning.parameters import BuildParameters

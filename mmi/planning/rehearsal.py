@@ -18,10 +18,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.cells.viewing_cells import ViewingCell
+from mmi.foundation.kernels import kernel
 from mmi.foundation.thickness import largest_disc
 from mmi.visibility.horizon_sweep import BINS
 from mmi.visibility.selection import WallVisibility
@@ -195,7 +195,7 @@ def _thickest(missed: NDArray[np.int32], spans: NDArray[np.int64], known: float)
     return most, inside
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _squares(missed: NDArray[np.int32], spans: NDArray[np.int64], least: int) -> NDArray[np.int64]:
     """Column, row and side of squares inside what is missed that end there and have ``least`` pixels a side or more."""
     columns, rows = missed.shape
@@ -224,7 +224,7 @@ def _squares(missed: NDArray[np.int32], spans: NDArray[np.int64], least: int) ->
     return found[:count].copy()
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _columns_from(ax: float, ay: float, bx: float, by: float, columns: int) -> tuple[int, int]:
     """The first column whose centre ray meets a wall, from 0, and how many do."""
     scale = columns / (2.0 * math.pi)
@@ -234,7 +234,7 @@ def _columns_from(ax: float, ay: float, bx: float, by: float, columns: int) -> t
     return begin % columns, max(math.ceil((start + width) * scale - 0.5) - begin, 0)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _columns_of(a: NDArray[np.float64], b: NDArray[np.float64], columns: int) -> NDArray[np.bool_]:
     """(columns,): whose centre rays meet a wall from ``a`` to ``b`` (n, 2)."""
     meet = np.zeros(columns, dtype=np.bool_)
@@ -245,7 +245,7 @@ def _columns_of(a: NDArray[np.float64], b: NDArray[np.float64], columns: int) ->
     return meet
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _behind(
     faces: NDArray[np.bool_],
     captured: _Panorama,
@@ -265,7 +265,7 @@ def _behind(
     return behind | ~met
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _rays(columns: int) -> NDArray[np.float64]:
     """(columns, 2): the directions of the centres of the columns."""
     rays = np.empty((columns, 2))
@@ -275,7 +275,7 @@ def _rays(columns: int) -> NDArray[np.float64]:
     return rays
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _panorama(
     a: NDArray[np.float64],
     b: NDArray[np.float64],
@@ -319,13 +319,13 @@ def _panorama(
     return _Panorama(starts, distances, walls)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _row(height: float, down: int) -> int:
     """The first row whose centre is not below ``height``, in rows above the eye, where row ``down`` begins."""
     return math.ceil(height - 0.5) + down
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _look(
     known: _Walls,
     layer: NDArray[np.int64],

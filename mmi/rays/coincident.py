@@ -12,9 +12,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mmi.foundation.kernels import kernel
 from mmi.rays.grid import Grid
 from mmi.rays.ray_triangle import meeting, point_met
 
@@ -55,7 +55,7 @@ def coincident_faces(corners: NDArray[np.float32], grid: Grid) -> Coincident:
     return found
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def settle(
     corners: NDArray[np.float32],
     coincident: Coincident,
@@ -84,7 +84,7 @@ def settle(
     return i, t, v, w
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def _normals(corners: NDArray[np.float32]) -> NDArray[np.float32]:
     """(m, 4) unit normals of triangles, and their areas in square metres; all 0 without area."""
     normals = np.zeros((len(corners), 4), dtype=np.float32)
@@ -100,7 +100,7 @@ def _normals(corners: NDArray[np.float32]) -> NDArray[np.float32]:
     return normals
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def _pairs(
     corners: NDArray[np.float32], normals: NDArray[np.float32], grid: Grid, pairs: NDArray[np.int32]
 ) -> NDArray[np.int32]:
@@ -135,7 +135,7 @@ def _pairs(
     return pairs[:found].copy()
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def _coincide(corners: NDArray[np.float32], normals: NDArray[np.float32], i: int, j: int) -> bool:
     """Whether two nearly parallel triangles lie in one plane and overlap."""
     large, small = (i, j) if normals[i, 3] >= normals[j, 3] else (j, i)
@@ -149,7 +149,7 @@ def _coincide(corners: NDArray[np.float32], normals: NDArray[np.float32], i: int
     return not (_parted(a, b, p, q) or _parted(b, a, p, q))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def _parted(a: NDArray[np.float32], b: NDArray[np.float32], p: int, q: int) -> bool:
     """Whether a side of triangle ``a`` (9,) parts it from triangle ``b`` in the plane of axes p and q, but for ``FLAT``."""
     for k in range(0, 9, 3):

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from mmi.appearance.city_mesh import CityMesh
+from mmi.foundation.kernels import kernel
 from mmi.rays.coincident import Coincident, coincident_faces, settle
 from mmi.rays.grid import build_grid
 from mmi.rays.hits import Hits, no_hits, rays_of
@@ -76,7 +76,7 @@ def embree_caster(mesh: CityMesh, *, workers: int) -> EmbreeCaster:
     return EmbreeCaster(corners, scene, coincident_faces(corners, build_grid(corners)), Shares(workers))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def _settle_all(
     origins: NDArray[np.float64],
     directions: NDArray[np.float64],

@@ -11,8 +11,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mmi.foundation.kernels import kernel
 
 __all__ = ["Grid", "build_grid"]
 
@@ -85,7 +86,7 @@ def _cell_length(extent: NDArray[np.float64], cells: float) -> float:
     return longest
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def _enter(
     corners: NDArray[np.float32],
     low: NDArray[np.float64],
@@ -114,7 +115,7 @@ def _enter(
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def _cells_of(
     triangle: NDArray[np.float32],
     low: NDArray[np.float64],
@@ -174,14 +175,14 @@ def _cells_of(
     return found, cells
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def _span(first: float, last: float, size: int) -> tuple[int, int]:
     """The first and the last cell that an interval has a part in, along one axis."""
     low, high = int(np.floor(first - _SLACK)), int(np.floor(last + _SLACK))
     return min(max(low, 0), size - 1), min(max(high, 0), size - 1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def _shadow(
     sides: NDArray[np.float64],
     k: int,
@@ -207,7 +208,7 @@ def _shadow(
         p0, q0 = p1, q1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def _within(sides: NDArray[np.float64], k: int, p: float, q: float) -> bool:
     """Whether a square at (p, q) has a part on the inner side of all three sides from row ``k``."""
     return bool(

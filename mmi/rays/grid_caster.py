@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from mmi.appearance.city_mesh import CityMesh
+from mmi.foundation.kernels import kernel
 from mmi.rays.coincident import Coincident, coincident_faces, settle
 from mmi.rays.grid import Grid, build_grid
 from mmi.rays.hits import Hits, no_hits, rays_of
@@ -53,7 +53,7 @@ def grid_caster(mesh: CityMesh, *, workers: int) -> GridCaster:
     return GridCaster(corners, grid, coincident_faces(corners, grid), Shares(workers))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def _enter(grid: Grid, k: int, o: float, d: float, t_in: float, t_out: float) -> tuple[float, float]:
     """The part of a ray from ``t_in`` to ``t_out`` that is between the grid's two planes across axis ``k``; empty (inf, 0)
     if there is none.
@@ -66,7 +66,7 @@ def _enter(grid: Grid, k: int, o: float, d: float, t_in: float, t_out: float) ->
     return max(t_in, min(a, b)), min(t_out, max(a, b))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def _begin(grid: Grid, k: int, o: float, d: float, t: float) -> tuple[int, int, float, float]:
     """Along axis ``k``: the cell of a ray at ``t``, its steps from there, when it leaves that cell and how long one takes."""
     size = grid.size[k]
@@ -78,7 +78,7 @@ def _begin(grid: Grid, k: int, o: float, d: float, t: float) -> tuple[int, int, 
     return here, 0, np.inf, np.inf
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def _walk(
     origins: NDArray[np.float64],
     directions: NDArray[np.float64],

@@ -16,11 +16,11 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.appearance.city_mesh import CityMesh
 from mmi.foundation.errors import ParameterError
+from mmi.foundation.kernels import kernel
 
 __all__ = ["HeightField", "Pyramid", "height_field"]
 
@@ -98,7 +98,7 @@ def height_field(mesh: CityMesh, *, step: float | None = None) -> HeightField:
     return HeightField((float(low[0]), float(low[1])), chosen, tuple(levels))
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def _halved(level: NDArray[np.float32]) -> NDArray[np.float32]:
     """The maxima of 2 x 2 cells; the last row and column may have fewer."""
     rows, columns = level.shape
@@ -109,7 +109,7 @@ def _halved(level: NDArray[np.float32]) -> NDArray[np.float32]:
     return half
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def _raise_cells(
     positions: NDArray[np.float32],
     triangles: NDArray[np.int32],
@@ -162,7 +162,7 @@ def _raise_cells(
                     _raise_along(cells[row], caps[side, 0, 0], caps[side, 0, 1], caps[side, 1, 0], caps[side, 1, 1])
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def _raise_along(cells: NDArray[np.float32], u0: float, z0: float, u1: float, z1: float) -> None:
     """Raises the ``cells`` (columns,) of a row to the line from (u0, z0) to (u1, z1) over them."""
     if u0 > u1:

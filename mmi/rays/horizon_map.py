@@ -21,10 +21,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from mmi.foundation.errors import ParameterError
+from mmi.foundation.kernels import kernel
 from mmi.rays.height_field import HeightField, Pyramid
 
 __all__ = ["Horizon", "azimuths_of", "horizon_of", "is_above", "sky"]
@@ -110,7 +110,7 @@ def sky(horizon: Horizon, directions: ArrayLike) -> NDArray[np.bool_]:
     return _sky(horizon.slopes, horizon.first, horizon.per_radian, rows)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def is_above(slopes: NDArray[np.float64], first: float, per_radian: float, dx: float, dy: float, dz: float) -> bool:
     """Whether the direction (dx, dy, dz) is above the horizon whose fields the first three are, as a kernel for kernels."""
     x, y = np.float64(dx), np.float64(dy)
@@ -123,7 +123,7 @@ def is_above(slopes: NDArray[np.float64], first: float, per_radian: float, dx: f
     return slope == -math.inf or dz > slope * math.sqrt(x * x + y * y)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def _sky(
     slopes: NDArray[np.float64], first: float, per_radian: float, directions: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
@@ -157,7 +157,7 @@ class _Wedge(NamedTuple):
     width: float
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def _find_steepest(pyramid: Pyramid, ground: _Ground, first: int, width: float, slopes: NDArray[np.float64]) -> None:
     """Fills in the ``slopes`` of columns ``first`` and following, of ``width`` radians each."""
     heights, starts, shapes = pyramid
@@ -206,7 +206,7 @@ def _find_steepest(pyramid: Pyramid, ground: _Ground, first: int, width: float, 
         slopes[i] = steepest
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def _bound(height: float, level: int, row: int, column: int, ground: _Ground, wedge: _Wedge) -> tuple[float, bool]:
     """How steep anything in a block of some ``height`` may be, -inf if the wedge misses it; and whether this is its slope.
 

@@ -12,10 +12,10 @@ Corners are (m, 9) float32, three corners of three coordinates a triangle, in me
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.appearance.city_mesh import CityMesh
+from mmi.foundation.kernels import kernel
 
 __all__ = ["areas", "corners_of", "meeting", "point_met", "shear"]
 
@@ -25,7 +25,7 @@ def corners_of(mesh: CityMesh) -> NDArray[np.float32]:
     return np.ascontiguousarray(mesh.positions[mesh.triangles].reshape(-1, 9))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def shear(dx: float, dy: float, dz: float) -> tuple[int, int, int, float, float, float]:
     """The axes across a direction and the one most along it, and what corners are sheared and scaled by along these."""
     ax, ay, az = abs(dx), abs(dy), abs(dz)
@@ -36,7 +36,7 @@ def shear(dx: float, dy: float, dz: float) -> tuple[int, int, int, float, float,
     return 0, 1, 2, dx / dz, dy / dz, 1.0 / dz
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def areas(
     corners: NDArray[np.float32],
     i: int,
@@ -66,7 +66,7 @@ def areas(
     return cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax, az, bz, cz
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def meeting(
     corners: NDArray[np.float32],
     i: int,
@@ -87,7 +87,7 @@ def meeting(
     return sz * (u * az + v * bz + w * cz) / (u + v + w)  # 0 / 0 without area, or edge-on
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(nogil=True, error_model="numpy")
 def point_met(
     corners: NDArray[np.float32],
     i: int,

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from mmi.foundation.kernels import kernel
 from mmi.validity.box_rays import disparity, extents, offsets, pick, spread_of
 from mmi.validity.ray_pairs import ROUNDING, safe_step
 
@@ -125,7 +125,7 @@ def _wrapped(angle: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray((angle + math.pi) % (2.0 * math.pi) - math.pi)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _largest(
     moved: NDArray[np.float64],
     directions: NDArray[np.float64],

@@ -26,8 +26,9 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from numba import njit
 from numpy.typing import NDArray
+
+from mmi.foundation.kernels import kernel
 
 __all__ = ["BINS", "Rings", "pack_rings", "sweep"]
 
@@ -123,7 +124,7 @@ def sweep(
     return found.lowest, found.sight
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _sweep(
     viewpoints: NDArray[np.float64],
     occluders: Rings,
@@ -150,13 +151,13 @@ def _sweep(
                 found.seen[owners[ring]] = True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _hidden(column: int, distance: float, slope: float, panorama: _Panorama) -> bool:
     """Whether a point at ``distance`` and ``slope`` is behind and below a step of the column's staircase."""
     return _skyline(column, distance, panorama) >= slope
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _skyline(column: int, distance: float, panorama: _Panorama) -> float:
     """The slope up to which a point at ``distance`` is hidden; -inf where nothing is in front of it."""
     steps = panorama.steps
@@ -166,7 +167,7 @@ def _skyline(column: int, distance: float, panorama: _Panorama) -> float:
     return steps[column, i, 1] if i >= 0 else -math.inf
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _add_step(column: int, distance: float, slope: float, panorama: _Panorama) -> None:
     """Keeps the staircase sorted by distance with growing slopes."""
     steps, counts = panorama.steps, panorama.counts
@@ -195,7 +196,7 @@ def _add_step(column: int, distance: float, slope: float, panorama: _Panorama) -
     steps[column, i, 1] = slope
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _box_hidden(box: NDArray[np.float64], x: float, y: float, height: float, panorama: _Panorama) -> bool:
     """Whether everything in ``box`` (min x, min y, max x, max y) below ``height`` over the eye is hidden."""
     columns = len(panorama.counts)
@@ -230,7 +231,7 @@ def _box_hidden(box: NDArray[np.float64], x: float, y: float, height: float, pan
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _raise_horizon(rings: Rings, ring: int, x: float, y: float, height: float, panorama: _Panorama) -> None:
     """Walks a ring and adds a step to each column that a stretch of it crosses from its upper to its lower boundary.
 
@@ -279,7 +280,7 @@ def _raise_horizon(rings: Rings, ring: int, x: float, y: float, height: float, p
         ax, ay, a_far, a_turn, a_column = bx, by, b_far, b_turn, b_column
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _ring_seen(
     rings: Rings,
     ring: int,

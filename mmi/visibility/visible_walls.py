@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.cells.viewing_cells import ViewingCell
+from mmi.foundation.kernels import kernel
 from mmi.visibility.horizon_sweep import BINS
 from mmi.visibility.selection import WallVisibility
 from mmi.visibility.walls import Walls
@@ -113,7 +113,7 @@ def seen_from(bits: NDArray[np.uint64], bins: int) -> NDArray[np.bool_]:
     return at
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _visible_from(
     a: NDArray[np.float64],
     b: NDArray[np.float64],

@@ -16,10 +16,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
+from mmi.foundation.kernels import kernel
 from mmi.rays.horizon_map import is_above
 from viewer.casting.panorama import Texels, texel_of
 
@@ -65,7 +65,7 @@ def rays_of(view: View, first_column: int = 0) -> Rays:
     return Rays(axes, view.eye, float(view.focal), left + first_column + 0.5, top + 0.5)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def classify(
     depths: NDArray[np.float32],
     rows: tuple[int, int],
@@ -115,7 +115,7 @@ def classify(
                 )
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _simple(
     depths: NDArray[np.float32],
     top: int,
@@ -153,7 +153,7 @@ def _simple(
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _is_sky(
     top: int,
     bottom: int,
@@ -191,7 +191,7 @@ def _is_sky(
     return bool(slopes[column : last + 1].max() < least)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(nogil=True, inline="always")
 def _direction(x: float, y: float, axes: NDArray[np.float64]) -> tuple[float, float, float]:
     """The point at depth 1 that is ``x`` to the right and ``y`` above the middle."""
     return (
@@ -201,7 +201,7 @@ def _direction(x: float, y: float, axes: NDArray[np.float64]) -> tuple[float, fl
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _each(
     depths: NDArray[np.float32],
     top: int,
@@ -256,7 +256,7 @@ def _each(
                 found.state[i, j], found.texel[i, j], found.error[i, j] = REUSED, texel, error
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _best(
     dx: float,
     dy: float,

@@ -15,10 +15,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
+from mmi.foundation.kernels import kernel
 
 __all__ = ["Panorama", "Texels", "smallest_pixel", "store", "texel_of"]
 
@@ -94,7 +94,7 @@ class Panorama:
         return self._dropped + len(self._eyes)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(nogil=True, inline="always")
 def texel_of(dx: float, dy: float, dz: float, columns: int, rows: int, step: float) -> tuple[int, int]:
     """Column and row of the texel of a direction of any length but 0."""
     column = int((math.atan2(dy, dx) + math.pi) / step)
@@ -102,7 +102,7 @@ def texel_of(dx: float, dy: float, dz: float, columns: int, rows: int, step: flo
     return min(column, columns - 1), min(row, rows - 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def store(
     record: int,
     eye: NDArray[np.float64],

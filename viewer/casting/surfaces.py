@@ -10,10 +10,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.appearance.city_mesh import CityMesh
+from mmi.foundation.kernels import kernel
 from viewer.casting.open_pixels import Rays
 from viewer.plan import CAST_PIXEL
 
@@ -65,7 +65,7 @@ def cast_pixels(
     return samples
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _look(
     triangles: NDArray[np.int32],
     weights: NDArray[np.float32],

@@ -17,11 +17,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.capture.layer_values import LayerMesh, LayerPicture
 from mmi.dataset.cell_files import read_depths, read_meshes, read_pictures
+from mmi.foundation.kernels import kernel
 from viewer.cells.layer_atlas import BORDER, bordered, shelves
 from viewer.plan import CellKey, ImageKey, Objects, Request, Slot
 from viewer.scene.scene import WalkScene
@@ -190,7 +190,7 @@ def _vertices(picture: LayerPicture | LayerMesh, corner: tuple[int, int], size: 
     return np.hstack([mesh.vertices, texels / size * depth, depth]).astype(np.float32)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _one_texel_beyond(depth: NDArray[np.float32]) -> NDArray[np.float32]:
     """``depth`` (h, w) with each ``inf`` next to a captured texel replaced by the nearest of those around it."""
     height, width = depth.shape

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import moderngl
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mmi.foundation.kernels import kernel
 from viewer.drawing.programs import FAR, NEAR, Programs
 
 __all__ = ["Measures", "Targets"]
@@ -172,7 +172,7 @@ class Targets:
         return np.frombuffer(data, dtype=dtype).reshape(self.size[1], -1)[::-1]
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _surfaces(surface: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Depth and displacement (h, w) of what was drawn as (h, w, 2); infinite and NaN where there are none."""
     height, width, _ = surface.shape
@@ -184,7 +184,7 @@ def _surfaces(surface: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArra
     return depth, displacement
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _along_axis(buffer: NDArray[np.float32], near: float, far: float) -> NDArray[np.float32]:
     """(h, w) metres along the axis of what a depth buffer holds; infinite where nothing, or only sky, was drawn."""
     height, width = buffer.shape

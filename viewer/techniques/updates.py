@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
+from mmi.foundation.kernels import kernel
 from mmi.validity.layers import LayerParallax
 from viewer.plan import RELIEF_QUAD, ImageKey, Objects, Relief, ReliefPart
 from viewer.scene.scene import WalkScene
@@ -156,7 +156,7 @@ def bounds_in(view: View, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _bounds(boxes: NDArray[np.float64], eye_from_world: NDArray[np.float64], focal: float) -> NDArray[np.float64]:
     bounds = np.empty((len(boxes), 4))
     m = eye_from_world
@@ -187,7 +187,7 @@ def capture_window(view: View, bounds: NDArray[np.float64], *, margin: int) -> C
     return CaptureWindow((int(x), int(y), int(right - x), int(bottom - y)), extent, bool(whole))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _window(
     bounds: NDArray[np.float64], window: tuple[int, int, int, int], margin: int
 ) -> tuple[float, float, float, float, bool, tuple[float, float, float, float], bool]:
@@ -222,7 +222,7 @@ def spans_of(view: View, bounds: NDArray[np.float64]) -> NDArray[np.int64]:
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _spans(bounds: NDArray[np.float64], width: int, height: int, quad: int) -> NDArray[np.int64]:
     columns = -(-width // quad)
     spans = np.empty((columns, 2), dtype=np.int64)
@@ -295,7 +295,7 @@ class CapturedLayer:
         return low_x >= x and low_y >= y and high_x <= x + width and high_y <= y + height
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _reach(
     captured: NDArray[np.float64],
     focal: float,

@@ -10,9 +10,9 @@ import colorsys
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mmi.foundation.kernels import kernel
 from viewer.measuring.view_errors import WrongRegions
 
 __all__ = ["GROUND", "HOLE", "SKY", "WRONG", "depth_picture", "difference_picture", "objects_picture", "wrong_picture"]
@@ -74,7 +74,7 @@ def wrong_picture(shown: NDArray[np.uint8], regions: WrongRegions) -> NDArray[np
     return _marked(shown, regions.wrong, regions.holes, np.array([WRONG, HOLE], dtype=np.uint8))
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _looked_up(places: NDArray[np.int32], colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
     found = np.empty((*places.shape, 3), dtype=np.uint8)
     for i in range(places.shape[0]):
@@ -84,7 +84,7 @@ def _looked_up(places: NDArray[np.int32], colors: NDArray[np.uint8]) -> NDArray[
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _differences(one: NDArray[np.uint8], other: NDArray[np.uint8], colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
     found = np.empty(one.shape, dtype=np.uint8)
     for i in range(one.shape[0]):
@@ -97,7 +97,7 @@ def _differences(one: NDArray[np.uint8], other: NDArray[np.uint8], colors: NDArr
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _marked(
     shown: NDArray[np.uint8], wrong: NDArray[np.bool_], holes: NDArray[np.bool_], colors: NDArray[np.uint8]
 ) -> NDArray[np.uint8]:
