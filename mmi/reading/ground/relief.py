@@ -21,6 +21,7 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError
 from mmi.reading.coordinates import declared_crs
+from mmi.reading.gdal_files import RASTERS, VECTOR_FORMATS, layers_of, local_path
 from mmi.reading.report import Ledger
 
 __all__ = ["VOID", "choose_spacing", "no_height", "read_relief_points", "terrain_from_points", "terrain_from_triangles"]
@@ -42,7 +43,8 @@ _LOWEST, _HIGHEST = -1500.0, 30_000.0
 """All ground lies between these heights, in metres as well as in feet, from the Dead Sea to Mount Everest."""
 VOID = "{} of the ground: a void (no ground is as low or high)"
 """Why a cell, point or triangle is left out."""
-_RASTERS = frozenset({".tif", ".tiff", ".asc", ".img", ".dem", ".hgt", ".bil", ".flt", ".grd", ".xyz", ".jp2"})
+_SUFFIXES = ", ".join(suffix for suffix, _ in RASTERS)
+_EXPECTED = f"a raster ({_SUFFIXES}), or points or contour lines with heights ({VECTOR_FORMATS})"
 # Column names, lower-case letters only, likeliest first.
 _HEIGHTS = (
     "height", "elevation", "elev", "altitude", "alt", "z", "ele", "hoehe", "hoogte", "hauteur", "altitud", "cota", "quota",
@@ -126,14 +128,15 @@ def terrain_from_points(
 def read_relief_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyproj.CRS | None]:
     """Points (n, 3) of the ground in the file's coordinates, and its CRS (None: it declares none).
 
-    Rasters (GeoTIFF and what else GDAL reads) give the middles of their cells, at most about two million; points and
-    contour lines have a z or a column of heights.
+    Rasters (GeoTIFF and some others) give the middles of their cells, at most about two million; points and contour lines
+    have a z or a column of heights.
 
     Raises:
         CityError: nothing with heights in it, or not readable.
     """
-    if path.suffix.lower() in _RASTERS:
-        return _raster_points(path, ledger)
+    drivers = next((drivers for suffix, drivers in RASTERS if path.suffix.lower() == suffix), None)
+    if drivers is not None:
+        return _raster_points(path, drivers, ledger)
     return _vector_points(path, ledger)
 
 
@@ -237,12 +240,14 @@ def _spikes(place: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.bo
     return np.asarray(np.abs(difference) > np.maximum(usual, _STEEPNESS * distance))
 
 
-def _raster_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyproj.CRS | None]:
+def _raster_points(
+    path: Path, drivers: tuple[str, ...], ledger: Ledger
+) -> tuple[NDArray[np.float64], pyproj.CRS | None]:
     """Middles of cells with their values; decimated where there are many, cells without data left out."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            with rasterio.open(path) as raster:
+            with _opened(path, drivers) as raster:
                 step = max(1, math.ceil(math.sqrt(raster.width * raster.height / _MOST_CELLS)))
                 rows, columns = math.ceil(raster.height / step), math.ceil(raster.width / step)
                 band = raster.read(1, out_shape=(rows, columns), masked=True)
@@ -255,7 +260,7 @@ def _raster_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyp
                 x, y = t.a * u + t.b * v + t.c, t.d * u + t.e * v + t.f
                 crs = declared_crs(path, None if raster.crs is None else raster.crs.to_wkt())
     except (RasterioError, ValueError, OSError) as error:
-        raise CityError(f"{path}: expected a raster of heights that GDAL reads (GeoTIFF); found: {error}") from error
+        raise CityError(f"{path}: expected a raster of heights ({' or '.join(drivers)}); found: {error}") from error
     if not len(i):
         raise CityError(f"{path}: expected a raster of heights, found no cell with data")
     if step > 1:
@@ -263,6 +268,14 @@ def _raster_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyp
     ledger.note("left out", "cell of the ground: no data", path.name, count=int((~known).sum()))
     ledger.note("left out", VOID.format("cell"), path.name, count=int(void.sum()))
     return np.column_stack([x, y, values[j, i]]), crs
+
+
+def _opened(path: Path, drivers: tuple[str, ...]) -> rasterio.DatasetReader:
+    """The raster, opened by the first of GDAL's drivers that can; raises what the last of them does."""
+    for driver in drivers[:-1]:
+        with contextlib.suppress(RasterioError):
+            return rasterio.open(local_path(path), driver=driver)
+    return rasterio.open(local_path(path), driver=drivers[-1])
 
 
 def no_height(z: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -275,7 +288,10 @@ def _vector_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyp
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            meta, _, wkb, data = pyogrio.raw.read(path)
+            layer = next((name for name, is_view in layers_of(path, _EXPECTED) if not is_view), None)
+            if layer is None:
+                raise CityError(f"{path}: expected {_EXPECTED}; found no layer that is a table")
+            meta, _, wkb, data = pyogrio.raw.read(local_path(path), layer=layer)
     except (
         pyogrio.errors.DataSourceError,
         pyogrio.errors.DataLayerError,
@@ -283,10 +299,7 @@ def _vector_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyp
         ValueError,
     ) as error:
         reason = str(error).split(";")[0]
-        raise CityError(
-            f"{path}: expected a raster ({', '.join(sorted(_RASTERS))}), or points or contour lines with heights that GDAL "
-            f"reads; found: {reason}"
-        ) from error
+        raise CityError(f"{path}: expected {_EXPECTED}; found: {reason}") from error
     shapes = shapely.from_wkb(wkb, on_invalid="ignore") if wkb is not None else np.empty(0, dtype=object)
     xyz, of = shapely.get_coordinates(shapes, include_z=True, return_index=True)
     if not len(xyz):

@@ -1,4 +1,4 @@
-"""Footprints and streets in what GDAL reads: GeoJSON, GeoPackage, Shapefile, and whatever else it knows.
+"""Footprints and streets in what GDAL reads for us: GeoJSON, GeoPackage, Shapefile and FlatGeobuf (``gdal_files``).
 
 Which layer holds the buildings and which the streets follows from geometry, name and columns; where several would do, the
 reader refuses and names them. What the columns mean is told by ``gis_columns``.
@@ -25,6 +25,7 @@ from shapely.geometry.base import BaseGeometry
 
 from mmi.foundation.errors import CityError
 from mmi.reading.coordinates import declared_crs
+from mmi.reading.gdal_files import VECTOR_FORMATS, layers_of, local_path
 from mmi.reading.maps.gis_columns import (
     BUILDING_COLUMNS,
     HEIGHT_COLUMNS,
@@ -49,6 +50,8 @@ GDAL_SUFFIXES = (".fgb", ".geojson", ".gpkg", ".json", ".shp")
 """What is looked for in a folder."""
 _MESH_SUFFIXES = (".3ds", ".dae", ".fbx", ".obj", ".ply", ".stl")
 
+_EXPECTED = f"OpenStreetMap (.osm, .osm.pbf), or footprints and streets ({VECTOR_FORMATS})"
+
 _BUILDING_WORDS = ("build", "bldg", "footprint", "bati", "gebaeude", "gebäude", "edific", "house", "pand")
 _STREET_WORDS = ("street", "road", "highway", "route", "rue", "strasse", "straße", "via", "calle", "troncon", "network")
 # pyogrio also raises some of Python's own errors: NameError where a .prj is no text.
@@ -66,7 +69,7 @@ _OTHER_FORMATS = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class _Layer:
-    """A layer that may be of use: ``kind`` is polygon, line or any."""
+    """A layer that may be of use: ``kind`` is polygon, line or any; or a view, which is not."""
 
     file: Path
     name: str
@@ -92,7 +95,7 @@ def read_footprints(
         CityError: nothing GDAL reads, no or several layers that could be buildings, a column that is not there.
     """
     layers = _list_layers(path)
-    fit = [one for one in layers if one.kind != "line"]
+    fit = [one for one in layers if one.kind in ("polygon", "any")]
     chosen = _choose(
         path,
         layers,
@@ -150,7 +153,7 @@ def read_street_lines(path: Path, ledger: Ledger, *, layer: str | None) -> Stree
         CityError: as ``read_footprints``.
     """
     layers = _list_layers(path)
-    fit = [one for one in layers if one.kind != "polygon"]
+    fit = [one for one in layers if one.kind in ("line", "any")]
     if not fit and layer is None:
         return None
     chosen = _choose(
@@ -200,17 +203,17 @@ def _list_layers(path: Path) -> list[_Layer]:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                for name, _ in pyogrio.list_layers(file):
-                    info = pyogrio.read_info(file, layer=name)
+                for name, is_view in layers_of(file, _EXPECTED):
+                    if is_view:
+                        layers.append(_Layer(file, name, "view", ()))
+                        continue
+                    info = pyogrio.read_info(local_path(file), layer=name)
                     kind = _kind(info["geometry_type"])
                     if kind is not None:
-                        layers.append(_Layer(file, str(name), kind, tuple(str(one) for one in info["fields"])))
+                        layers.append(_Layer(file, name, kind, tuple(str(one) for one in info["fields"])))
         except _GDAL_ERRORS as error:
-            reason = str(error).split("; It might")[0].split(";")[0].removeprefix(f"'{file}' ")
-            raise CityError(
-                f"{file}: expected OpenStreetMap (.osm, .osm.pbf) or what GDAL reads (GeoJSON, GeoPackage, Shapefile, ...); "
-                f"found: {reason}"
-            ) from error
+            reason = str(error).split("; It might")[0].split(";")[0].removeprefix(f"'{file.absolute()}' ")
+            raise CityError(f"{file}: expected {_EXPECTED}; found: {reason}") from error
     return layers
 
 
@@ -226,10 +229,7 @@ def _refuse_other_formats(path: Path) -> None:
     if not head:
         name = "an empty file"
     if name is not None:
-        raise CityError(
-            f"{path}: {name} is not read; expected OpenStreetMap (.osm, .osm.pbf) or footprints and streets that GDAL "
-            "reads (GeoJSON, GeoPackage, Shapefile)"
-        )
+        raise CityError(f"{path}: {name} is not read; expected {_EXPECTED}")
 
 
 def _kind(geometry_type: str | None) -> str | None:
@@ -261,6 +261,12 @@ def _choose(
         missing = [one for one in wanted if one not in by_name]
         if missing:
             raise CityError(f"{path}: {option} {missing[0]!r}: no such layer; found {', '.join(by_name) or 'none'}")
+        view = next((one for one in wanted if by_name[one].kind == "view"), None)
+        if view is not None:
+            raise CityError(
+                f"{path}: {option} {view!r}: a table expected, found a view, which is SQL that runs while one reads; save it "
+                "as a layer of its own"
+            )
         return [by_name[one] for one in wanted]
     if not fit:
         kinds = ", ".join(f"{one.name} ({one.kind}s)" for one in layers) or "none with lines or polygons"
@@ -293,7 +299,9 @@ def _read(layer: _Layer, ledger: Ledger) -> _Table:
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            meta, _, wkb, data = pyogrio.raw.read(layer.file, layer=layer.name, force_2d=True, datetime_as_string=True)
+            meta, _, wkb, data = pyogrio.raw.read(
+                local_path(layer.file), layer=layer.name, force_2d=True, datetime_as_string=True
+            )
     except _GDAL_ERRORS as error:
         raise CityError(f"{layer.file} (layer {layer.name}): cannot be read: {error}") from error
     for one in caught:

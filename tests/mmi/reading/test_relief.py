@@ -238,7 +238,7 @@ def test_files_without_heights_are_refused_in_one_line(tmp_path):
         (broken, "raster"),
         (empty, "no cell"),
         (void, "found only values such as -9999"),
-        (text, "heights that GDAL"),
+        (text, "contour lines with heights"),
     ):
         with pytest.raises(CityError, match=what) as caught:
             read_relief_points(path, Ledger())
