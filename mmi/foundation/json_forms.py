@@ -37,7 +37,7 @@ def with_checksum(manifest: Mapping[str, Any]) -> dict[str, Any]:
 
 def readable_json(value: Any) -> bytes:  # noqa: ANN401
     """JSON that people can read as well: sorted and indented, ending in a line break."""
-    return json.dumps(value, sort_keys=True, indent=1, allow_nan=False, ensure_ascii=False).encode() + b"\n"
+    return _encoded(json.dumps(value, sort_keys=True, indent=1, allow_nan=False, ensure_ascii=False)) + b"\n"
 
 
 _CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
@@ -45,7 +45,12 @@ _CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=F
 
 def canonical_json(value: Any) -> bytes:  # noqa: ANN401
     """The one way that this project writes JSON for hashing and storing: sorted keys, no spaces, shortest floats."""
-    return _CANONICAL.encode(value).encode()
+    return _encoded(_CANONICAL.encode(value))
+
+
+def _encoded(text: str) -> bytes:
+    """UTF-8; what it lacks, halves of surrogate pairs, as the escapes of JSON that mean them."""
+    return text.encode("utf-8", errors="backslashreplace")
 
 
 def fingerprint(value: Any) -> str:  # noqa: ANN401

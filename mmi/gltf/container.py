@@ -38,7 +38,7 @@ def glb_pieces(
     filled = {key: value for key, value in document.items() if value != []}
     text = json.dumps(
         filled, sort_keys=sort_keys, ensure_ascii=ascii_only, allow_nan=False, separators=(",", ":")
-    ).encode()
+    ).encode("utf-8", errors="backslashreplace")
     text += b" " * padding(len(text))
     body = sum(map(len, blobs))
     size = 12 + 8 + len(text) + (8 + body if body else 0)

@@ -50,7 +50,7 @@ def write_movers(movers: Movers, path: Path) -> None:
 
     Makes the folder. Raises DatasetError where that is impossible.
     """
-    write_whole(Path(path), _text(movers).encode())
+    write_whole(Path(path), _text(movers).encode("utf-8", errors="backslashreplace"))
 
 
 def _text(movers: Movers) -> str:

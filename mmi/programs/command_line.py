@@ -163,7 +163,9 @@ def names_option(text: str) -> list[str]:
 
 
 def path_option(text: str) -> Path:
-    """A path that is not empty."""
-    if not text:
-        raise argparse.ArgumentTypeError("a path expected, found nothing")
+    """A path that is not empty, of letters that a file's name can have."""
+    if not text or "\0" in text:
+        raise argparse.ArgumentTypeError(
+            f"a path expected, found {text!r}" if text else "a path expected, found nothing"
+        )
     return Path(text)

@@ -125,8 +125,7 @@ def leave(program: str, ending: Ending) -> NoReturn:
 
     What is left in streams that cannot be written is dropped: otherwise Python would complain of it, with a status of its own.
     """
-    if ending.line:
-        _try(sys.stderr, f"{program}: {ending.line}\n")
+    _try(sys.stderr, f"{program}: {ending.line}\n" if ending.line else "")
     _try(sys.stdout, "")
     sys.exit(ending.status)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["UniqueNames", "readable_name"]
+__all__ = ["UniqueNames", "readable_name", "valid_text"]
 
 
 def readable_name(name: bytes) -> str:
@@ -17,6 +17,11 @@ def readable_name(name: bytes) -> str:
         except UnicodeDecodeError:
             pass
     return name.decode("ascii", errors="backslashreplace")
+
+
+def valid_text(text: str) -> str:
+    r"""The text with halves of surrogate pairs, which JSON can name and no encoding has, written out as ``\ud800``."""
+    return text.encode("utf-8", errors="backslashreplace").decode("utf-8")
 
 
 class UniqueNames:

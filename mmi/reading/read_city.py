@@ -39,6 +39,7 @@ from mmi.reading.maps.osm import is_osm, read_osm
 from mmi.reading.maps.streets import graph_from_lines, moved_lines
 from mmi.reading.maps.sumo import is_sumo, read_sumo
 from mmi.reading.models.model_city import city_of_model, heights_in_metres, is_model, read_model
+from mmi.reading.names import UniqueNames, valid_text
 from mmi.reading.raw_layers import BuildingLayer, StreetLayer
 from mmi.reading.read_options import ReadOptions
 from mmi.reading.report import CityReport, Ledger, Tally
@@ -78,7 +79,9 @@ def read_city(
         with unpacked_tiles(path) as unpacked:
             tiles = tiles_of(path) if path.is_dir() else unpacked
             if tiles or is_model(file):
-                city = _read_model_city(path, tiles or [file], options, override, ledger, progress)
+                city = _in_valid_text(
+                    _read_model_city(path, tiles or [file], options, override, ledger, progress), ledger
+                )
                 return city, _accounted(city, ledger)
         if options.lod is not None:
             raise ParameterError(f"--lod: a 3D model expected, found {path}")
@@ -124,7 +127,7 @@ def read_city(
             ground=_GROUND if relief is None else relief,
             window=None if options.clip is None else box_to_local_frame(options.clip, frame),
         )
-    city = City(solids, graph, frame.crs, frame.origin, _printable(path.name), _GROUND, relief)
+    city = _in_valid_text(City(solids, graph, frame.crs, frame.origin, _printable(path.name), _GROUND, relief), ledger)
     return city, _accounted(city, ledger)
 
 
@@ -180,6 +183,20 @@ def _exists(file: Path) -> bool:
 def _printable(name: str) -> str:
     """A file's name, which Linux takes to be bytes, with those that are no UTF-8 written out."""
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+
+
+def _in_valid_text(city: City, ledger: Ledger) -> City:
+    """The city with ids and names that can be written to files, wherever they were read from."""
+    names, objects = UniqueNames(), []
+    for one in city.objects:
+        id_ = names.free(valid_text(one.id))
+        names.take(id_)
+        ledger.note("repaired", "id that is no valid text written out", id_, count=int(id_ != one.id))
+        objects.append(one if id_ == one.id else replace(one, id=id_))
+    for *_, edge in city.streets.edges(data=True):
+        edge["name"] = valid_text(edge["name"])
+    textures = tuple(replace(one, name=valid_text(one.name)) for one in city.textures)
+    return replace(city, objects=tuple(objects), textures=textures)
 
 
 def _accounted(city: City, ledger: Ledger) -> CityReport:

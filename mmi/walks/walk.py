@@ -184,7 +184,7 @@ def write_walk(walk: Walk, path: Path) -> None:
     rows = [json.dumps(row) for row in document.pop("keyframes")]
     head = json.dumps(document, ensure_ascii=False)
     text = f'{head[:-1]}, "keyframes": [\n ' + ",\n ".join(rows) + "\n]}\n"
-    write_whole(Path(path), text.encode())
+    write_whole(Path(path), text.encode("utf-8", errors="backslashreplace"))
 
 
 def walk_document(walk: Walk) -> dict[str, Any]:

@@ -174,7 +174,7 @@ class _Names:
 
 
 def _text(value: object) -> bytes:
-    return _ENCODER.encode(value).encode()
+    return _ENCODER.encode(value).encode("utf-8", errors="backslashreplace")
 
 
 def _chunks(objects: Iterable[CityObject]) -> Iterator[list[CityObject]]:

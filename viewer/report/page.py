@@ -58,7 +58,7 @@ def write_report(report: Mapping[str, Any], folder: Path) -> tuple[Path, Path]:
     ValueError for numbers that are not finite.
     """
     files = folder / "report.json", folder / "report.html"
-    contents = readable_json(report), _page(report, folder).encode()
+    contents = readable_json(report), _page(report, folder).encode("utf-8", errors="backslashreplace")
     for path, content in zip(files, contents, strict=True):
         write_whole(path, content)
     return files
