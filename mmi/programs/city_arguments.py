@@ -14,8 +14,8 @@ from mmi.reading.read_options import HEIGHT_UNITS, NETWORKS, OBJECTS, UP_AXES, R
 __all__ = ["CITY_FILES", "add_city_arguments", "add_reading_arguments", "read_options", "refuse_reading_arguments"]
 
 CITY_FILES = (
-    "OpenStreetMap .osm or .osm.pbf, footprints (GeoJSON, GeoPackage, Shapefile, ...), or a 3D model: CityJSON, CityGML (also a folder "
-    "or zip of tiles), glTF, OBJ, PLY, STL"
+    "OpenStreetMap .osm or .osm.pbf, footprints (GeoJSON, GeoPackage, Shapefile, ...), or a 3D model: CityJSON, CityGML (also "
+    "a folder or zip of tiles), glTF, OBJ, PLY, STL"
 )
 """What can be read, for people."""
 
