@@ -18,6 +18,7 @@ import fcntl
 import hashlib
 import json
 import os
+import stat
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -122,6 +123,8 @@ def make_folder(path: Path) -> None:
     """
     if path.exists() and not path.is_dir():
         raise DatasetError(f"{path}: a folder for the dataset expected, found a file")
+    if path.is_symlink() and not path.exists():
+        raise DatasetError(f"{path}: a folder for the dataset expected, found a link that leads nowhere")
     try:
         present = {entry.name for entry in path.iterdir() if not _is_blank(entry)} if path.exists() else set()
     except OSError as error:
@@ -163,12 +166,21 @@ def _locked(path: Path) -> Iterator[None]:
     Another build may have opened the lock's file just before it is removed here, and would then lock a file that nobody finds
     any more; so a lock counts only while it is the file that has its name.
     """
-    name = path / ".lock"
+    name, cells = path / ".lock", path / "cells"
+    if cells.is_symlink() or (cells.exists() and not cells.is_dir()):
+        found = "a link" if cells.is_symlink() else "a file"
+        raise DatasetError(f"{cells}: a folder for the dataset's cells expected, found {found}; remove it")
     while True:
         try:
-            (path / "cells").mkdir(exist_ok=True)
-            lock = name.open("w")
+            cells.mkdir(exist_ok=True)
         except OSError as error:
+            raise _cannot_write(path, error) from error
+        try:
+            lock = os.fdopen(os.open(name, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666), "r+b")
+        except OSError as error:
+            if name.is_symlink() or (name.exists() and not name.is_file()):
+                found = "a link" if name.is_symlink() else "another kind of file"
+                raise DatasetError(f"{name}: a file of a build's own expected, found {found}; remove it") from error
             raise _cannot_write(path, error) from error
         with lock:
             try:
@@ -215,11 +227,13 @@ def _is_record(path: Path) -> bool:
 
 
 def _checksum(path: Path) -> tuple[int, str] | None:
-    """(bytes, sha256) of a file, None where it cannot be read."""
+    """(bytes, sha256) of a file, None where it cannot be read, or is a link, a pipe or a device, which might never end."""
     try:
-        with path.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-            return os.fstat(file.fileno()).st_size, digest
+        with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
+            state = os.fstat(file.fileno())
+            if not stat.S_ISREG(state.st_mode):
+                return None
+            return state.st_size, hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
         return None
 

@@ -13,7 +13,7 @@ from typing import BinaryIO
 
 from mmi.foundation.errors import DatasetError, MmiError
 
-__all__ = ["is_leftover", "whole_file", "whole_path", "write_whole"]
+__all__ = ["is_leftover", "real_path", "whole_file", "whole_path", "write_whole"]
 
 _TEMPORARY = ".part-"
 
@@ -60,3 +60,8 @@ def is_leftover(path: Path, of: str = "") -> bool:
     """Whether ``path`` is called like the temporary file of a process that was killed: of the file ``of``, or of any."""
     name, mark, process = path.name.rpartition(_TEMPORARY)
     return bool(mark) and process.isdigit() and of in ("", name)
+
+
+def real_path(path: Path) -> Path:
+    """The absolute path that links lead to, as far as they lead anywhere: Python's own ``resolve`` raises where they loop."""
+    return Path(os.path.realpath(path))

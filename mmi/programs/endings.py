@@ -6,7 +6,9 @@ Status 0 is for what was done, 2 for mistakes in arguments or files and for what
 
 from __future__ import annotations
 
+import errno
 import os
+import select
 import sys
 import traceback
 from contextlib import suppress
@@ -23,6 +25,7 @@ __all__ = ["Ending", "ending_of", "fault_line", "leave", "open_streams", "unwrit
 
 _LONGEST = 2000
 """Letters of a message; what libraries say may be whole files."""
+_FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 _MEMORY = (
     "error: memory ran out{}; expected a machine with more of it, or less to do: a part of the city, fewer --workers, a "
     "smaller --display or --cache"
@@ -79,14 +82,26 @@ def ending_of(error: BaseException, *, kept: str) -> Ending:
 
 
 def _of_the_system(error: OSError) -> Ending:
-    """A file that cannot be used; a standard output that cannot be written is told by trying again."""
+    """A file that cannot be used; what names no file is standard output, which every program writes, in most cases."""
     name = error.filename
-    if name is None and unwritten() is not None:
-        if isinstance(error, BrokenPipeError):  # whoever read it has left: say nothing more, to nobody
-            return Ending(0)
-        name = "standard output"
+    if name is None:
+        pending = unwritten() is not None
+        if isinstance(error, BrokenPipeError) and (pending or _nobody_reads()):
+            return Ending(0)  # whoever read it has left: say nothing more, to nobody
+        if pending or error.errno in _FULL:
+            name = "standard output" if pending else "standard output or a temporary file"
     where = "" if name is None else f"{os.fsdecode(name) if isinstance(name, bytes) else name}: "
     return Ending(2, f"error: {one_line(f'{where}{error.strerror or said(error)}')}")
+
+
+def _nobody_reads() -> bool:
+    """Whether standard output is a pipe that has no other end any more; where it is unbuffered, nothing else tells."""
+    watched = select.poll()
+    try:
+        watched.register(sys.stdout.fileno(), select.POLLOUT)
+        return any(event & select.POLLERR for _, event in watched.poll(0))
+    except (OSError, ValueError):
+        return False
 
 
 def fault_line(error: BaseException) -> str:

@@ -15,6 +15,7 @@ from PIL import Image
 
 from mmi.city.model import Texture
 from mmi.foundation.errors import CityError
+from mmi.foundation.whole_files import real_path
 from mmi.reading.names import UniqueNames, readable_name
 from mmi.reading.report import Ledger
 
@@ -62,8 +63,8 @@ def contained_path(folder: Path, reference: str, file: Path) -> Path:
     path = folder
     # A backslash parts folders in most references, but it may be the second byte of a character in a file's name.
     for text in (reference, reference.replace("\\", "/")):
-        path = (folder / text).resolve()
-        if not path.is_relative_to(folder.resolve()):
+        path = real_path(folder / text)
+        if not path.is_relative_to(real_path(folder)):
             raise CityError(f"{file}: refers to {reference!r}; expected files in its own folder or below")
         if path.exists():
             break
@@ -80,17 +81,17 @@ def file_beside(folder: Path, reference: str, ledger: Ledger, *, also: Sequence[
     """
     bare = reference.strip().strip("\"'")
     forms = dict.fromkeys((reference, bare, bare.replace("\\", "/"), unquote(bare.replace("\\", "/"))))
-    inside = folder.resolve()
+    inside = real_path(folder)
     for form, where in product(forms, ("", *also)):
         with suppress(OSError, ValueError):  # no file can have such a name
-            file = (folder / where / form).resolve()
+            file = real_path(folder / where / form)
             if file.is_relative_to(inside) and file.is_file():
                 return file
     for form in forms if "://" not in bare or bare.startswith("file:") else ():  # nothing stands for what is elsewhere
         steps = [step for step in form.split("/") if step not in ("", ".")]
         for start, where in product(range(len(steps)), ("", *also)):
             found = _whatever_the_case(folder / where, steps[start:])
-            if found is not None and found.resolve().is_relative_to(inside):
+            if found is not None and real_path(found).is_relative_to(inside):
                 name = readable_name(reference.encode("utf-8", "surrogateescape"))
                 ledger.note("repaired", "file found beside the model by its name", name)
                 return found

@@ -73,6 +73,10 @@ def read_city(
     for file in (path, options.streets, options.terrain):
         if file is not None and not _exists(file):
             raise CityError(f"{file}: no such file or folder")
+        if file is not None and not (file.is_file() or file.is_dir()):
+            raise CityError(
+                f"{file}: a file or folder expected, found a pipe or a device; save what comes from it in a file"
+            )
     ledger = Ledger()
     try:
         file = _the_file(path)

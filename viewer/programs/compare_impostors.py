@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final, NoReturn
 from mmi.foundation.camera import Camera
 from mmi.foundation.errors import CityError, ParameterError
 from mmi.foundation.processes import usable_cores
+from mmi.foundation.whole_files import real_path
 from mmi.programs.city_arguments import CITY_FILES, add_reading_arguments, read_options, refuse_reading_arguments
 from mmi.programs.city_told import print_warnings
 from mmi.programs.command_line import (
@@ -232,7 +233,8 @@ def _compare(options: argparse.Namespace) -> None:
         refuse_reading_arguments(options, f"the dataset {options.source}, whose city was read when it was built")
     else:
         reading = read_options(options)
-        if city_of.is_dir() and city_of.resolve() in (options.output.resolve(), *options.output.resolve().parents):
+        written = real_path(options.output)
+        if city_of.is_dir() and real_path(city_of) in (written, *written.parents):
             raise ParameterError(f"{options.output}: a folder outside of {city_of} expected")
 
     from mmi.movers.movers import NOTHING_MOVES

@@ -23,6 +23,7 @@ from mmi.dataset.reading import Dataset, open_dataset
 from mmi.foundation.camera import Camera
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.progress import Progress, silent
+from mmi.foundation.whole_files import real_path
 from mmi.walks.walk import Step, Walk
 from viewer.casting.frame import CastTally
 from viewer.cells.cell_cache import CacheReport
@@ -297,8 +298,8 @@ def _open(source: Path | City, out: Path, options: CompareOptions) -> WalkScene:
 def _opened(dataset: Path, out: Path, options: CompareOptions) -> WalkScene:
     """The scene of a dataset. The report's folder has to be outside of it, where no build touches it."""
     found: Dataset = open_dataset(dataset)
-    here, inside = found.path.resolve(), out.resolve()
-    if here in (inside, *inside.parents, (inside / "single-mesh").resolve()):
+    here, inside = real_path(found.path), real_path(out)
+    if here in (inside, *inside.parents, real_path(inside / "single-mesh")):
         raise ParameterError(f"{out}: a folder outside the dataset {dataset} expected")
     if found.manifest.parameters.layering == "single":
         raise ParameterError(f"{dataset}: a dataset of several layers expected, found one built with --layering single")

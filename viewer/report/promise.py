@@ -16,6 +16,7 @@ import math
 from typing import Any
 
 from mmi.foundation.camera import Camera
+from mmi.foundation.whole_files import real_path
 from viewer.scene.scene import WalkScene
 
 __all__ = ["display_of", "promised_thickness", "source_of"]
@@ -48,7 +49,7 @@ def source_of(scene: WalkScene) -> dict[str, Any]:
     same = scene.camera == parameters.camera
     return {
         "kind": "dataset",
-        "name": scene.built.path.resolve().name,
+        "name": real_path(scene.built.path).name,
         "city": scene.source,
         "cells": len(cells),
         "built_for": {**display_of(parameters.camera), "max_error_px": threshold},

@@ -9,7 +9,7 @@ import pytest
 
 from mmi.dataset.folder import DatasetFolder
 from mmi.foundation.errors import CityError, DatasetError
-from mmi.foundation.whole_files import is_leftover, whole_file, whole_path, write_whole
+from mmi.foundation.whole_files import is_leftover, real_path, whole_file, whole_path, write_whole
 from mmi.inspection.figures import new_figure, save
 
 
@@ -112,3 +112,11 @@ def test_leftovers_are_known_by_their_names(tmp_path):
         assert str(os.getpid()) in temporary.name
     for name in ("build.json", "a.part", "a.part-", "a.part-one", "part-1"):
         assert not is_leftover(tmp_path / name)
+
+
+def test_a_real_path_is_where_links_lead_as_far_as_they_do(tmp_path):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "link").symlink_to("folder")
+    (tmp_path / "loop").symlink_to("loop")
+    assert real_path(tmp_path / "link" / "a") == tmp_path.resolve() / "folder" / "a"
+    assert real_path(tmp_path / "loop" / "a") == tmp_path.resolve() / "loop" / "a"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mmi.reading.pictures import file_beside
+from mmi.reading.pictures import contained_path, file_beside
 from mmi.reading.report import Ledger
 
 NOTE = "file found beside the model by its name"
@@ -67,3 +67,14 @@ def test_other_folders_go_before_other_cases(folder):
     file = file_beside(folder, "wall2.png", Ledger(), also=("appearances", "tex"))
     assert file is not None
     assert file.read_bytes() == b"as it is written"
+
+
+def test_links_that_loop_are_no_pictures(folder):
+    (folder / "loop.png").symlink_to("loop.png")
+    (folder / "one").symlink_to("two")
+    (folder / "two").symlink_to("one")
+    for reference in ("loop.png", "one/wall2.png", "LOOP.png", "one"):
+        ledger = Ledger()
+        assert file_beside(folder, reference, ledger) is None
+        assert ledger.count("repaired") == 0
+        assert not contained_path(folder, reference, folder / "a.gltf").exists()
