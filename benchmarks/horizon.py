@@ -24,15 +24,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from mmi.appearance.city_mesh import CityMesh, build_city_mesh
 from mmi.appearance.ground_mesh import ground_mesh
 from mmi.city.model import City
 from mmi.foundation.camera import Camera, View, view_towards
+from mmi.rays.casters import make_caster
 from mmi.rays.height_field import HeightField, height_field
+from mmi.rays.hits import Caster
 from mmi.rays.horizon_map import Horizon, azimuths_of, horizon_of, sky
 from mmi.reading.read_city import read_city
 
@@ -43,20 +43,13 @@ AROUND = 2048
 """Columns of a horizon, where they are not what is varied."""
 
 
-def scene_of(mesh: CityMesh) -> EmbreeScene:
-    """Embree's scene of a mesh, robust; a first ray builds its tree."""
-    scene = EmbreeScene(robust=True)
-    TriangleMesh(scene, mesh.positions, mesh.triangles)
-    scene.run(np.zeros((1, 3), dtype=np.float32), np.ones((1, 3), dtype=np.float32))
-    return scene
-
-
 def hits(
-    scene: EmbreeScene, eye: NDArray[np.float64], directions: NDArray[np.float64], start: NDArray[np.float64]
+    caster: Caster, eye: NDArray[np.float64], directions: NDArray[np.float64], start: float = 0.0
 ) -> NDArray[np.bool_]:
-    """(n,) whether the rays hit, which begin ``start`` (n,) lengths of their direction from ``eye``."""
-    origins = (eye + start[:, None] * directions).astype(np.float32)
-    return scene.run(origins, directions.astype(np.float32)) >= 0
+    """(n,) whether the rays hit, which begin where they are ``start`` metres away, horizontally."""
+    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    along = start / np.maximum(np.hypot(unit[:, 0], unit[:, 1]), 1e-9)
+    return caster.first_hits(eye + along[:, None] * unit, unit).triangle >= 0
 
 
 def walkers(city: City, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -90,7 +83,7 @@ def rays_from(horizon: Horizon, count: int, rng: np.random.Generator) -> NDArray
 
 
 def violations(
-    field: HeightField, scene: EmbreeScene, eyes: NDArray[np.float64], rays: int, near: float, rng: np.random.Generator
+    field: HeightField, caster: Caster, eyes: NDArray[np.float64], rays: int, near: float, rng: np.random.Generator
 ) -> tuple[int, int, int]:
     """How many rays were cast, how many of them are called sky, and how many of those hit."""
     above = wrong = 0
@@ -100,7 +93,7 @@ def violations(
         directions = rays_from(horizon, each, rng)
         called = sky(horizon, directions)
         above += int(called.sum())
-        wrong += int(hits(scene, eye, directions[called], np.full(int(called.sum()), near)).sum())
+        wrong += int(hits(caster, eye, directions[called], near).sum())
     return each * len(eyes), above, wrong
 
 
@@ -120,16 +113,15 @@ def directions_of(view: View, every: int) -> NDArray[np.float64]:
     return view.unproject(u, v, np.ones(len(u))) - view.eye
 
 
-def pictures(city: City, scene: EmbreeScene, count: int, rng: np.random.Generator) -> list[Picture]:
+def pictures(city: City, caster: Caster, count: int, rng: np.random.Generator) -> list[Picture]:
     """What ``count`` walkers see."""
-    ground = scene_of(ground_mesh(city, margin=500.0))
+    ground = make_caster(ground_mesh(city, margin=500.0), kind="embree", workers=2)
     found = []
     for eye in walkers(city, count, rng):
         azimuth, pitch = rng.uniform(-math.pi, math.pi), rng.uniform(-0.1, 0.2)
         view = view_towards(eye, azimuth, pitch, focal=CAMERA.focal, window=CAMERA.window)
         directions = directions_of(view, 3)
-        none = np.zeros(len(directions))
-        sees_sky = ~hits(scene, eye, directions, none) & ~hits(ground, eye, directions, none)
+        sees_sky = ~hits(caster, eye, directions) & ~hits(ground, eye, directions)
         if city.terrain is None:
             sees_sky &= directions[:, 2] > 0.0
         left, top, width, height = CAMERA.window
@@ -173,8 +165,8 @@ def measure(path: Path, options: argparse.Namespace) -> None:
         f"{path.name}: {len(city.objects)} objects, {len(mesh.triangles)} triangles, {wide:.0f} x {deep:.0f} m{hills}"
     )
     near, steps = options.near_field, [None, *options.steps]
-    scene = scene_of(mesh) if options.rays or options.views else None
-    views = pictures(city, scene, options.views, rng) if options.views else []
+    caster = make_caster(mesh, kind="embree", workers=2) if options.rays or options.views else None
+    views = pictures(city, caster, options.views, rng) if options.views else []
     eyes = viewers(city, mesh, 200, rng)
     below, above = walkers(city, 40, rng), walkers(city, 40, rng)
     above[:, 2] += tall
@@ -189,7 +181,7 @@ def measure(path: Path, options: argparse.Namespace) -> None:
         for columns in options.columns if step is None else [AROUND]:
             called = wrong = "-"
             if options.rays and columns == AROUND:
-                _, *counts = violations(field, scene, eyes, options.rays, near, rng)
+                _, *counts = violations(field, caster, eyes, options.rays, near, rng)
                 called, wrong = map(str, counts)
             of_views = [f"{100 * one:.2f}" for one in shares(field, views, near, columns)] if views else ["-"] * 3
             cells = field.levels[0].size
