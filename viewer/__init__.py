@@ -3,7 +3,7 @@
 Compare techniques with the geometry (:func:`compare_views`, :func:`compare_walk`), walk through a dataset in a notebook
 (:func:`show_in_notebook`), or put a walk together: a scene (:func:`open_scene`), a technique (:func:`make_technique`), a cache
 (:func:`cell_cache`), a :class:`Renderer`, and the :class:`FrameLoop`. The packages, from the ground up: plan, walks, scene,
-cells, techniques, drawing, measuring, runtime, report, window, serving, programs.
+cells, casting, techniques, drawing, measuring, runtime, report, window, serving, programs.
 """
 
 from __future__ import annotations
@@ -15,10 +15,13 @@ from mmi.foundation.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from mmi.walks.walk import Keyframe, Pose, Walk, read_walk, write_walk
+    from viewer.casting.rules import CastRules
     from viewer.cells.scene_cache import cell_cache
     from viewer.drawing.renderer import Renderer
     from viewer.plan import (
+        CAST_PIXEL,
         Budget,
+        CastPixels,
         CellKey,
         CellLayers,
         Costs,
@@ -49,8 +52,11 @@ if TYPE_CHECKING:
     from viewer.walks.tour import tour
 
 __all__ = [
+    "CAST_PIXEL",
     "TECHNIQUES",
     "Budget",
+    "CastPixels",
+    "CastRules",
     "CellKey",
     "CellLayers",
     "CompareOptions",
@@ -94,10 +100,13 @@ __all__ = [
 
 _HOMES = MappingProxyType(
     {
+        "viewer.casting.rules": ("CastRules",),
         "viewer.cells.scene_cache": ("cell_cache",),
         "viewer.drawing.renderer": ("Renderer",),
         "viewer.plan": (
+            "CAST_PIXEL",
             "Budget",
+            "CastPixels",
             "CellKey",
             "CellLayers",
             "Costs",

@@ -165,7 +165,9 @@ def cast_frame(
     shown = np.flatnonzero((state == REUSED) & (texel >= 0))
     places = texel[shown]
     triangles = panorama.texels.triangle[places]
-    there = (triangles >= 0) & ~near_objects[far.surfaces.owners[triangles]]  # near objects are drawn where they are now
+    there = (triangles >= 0) & ~near_objects[
+        far.surfaces.owners[triangles]
+    ]  # near objects are drawn where they are now
     shown, places, triangles = shown[there], places[there], triangles[there]
     old = cast_pixels(
         shown,

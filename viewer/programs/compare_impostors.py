@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 __all__ = ["compare_impostors"]
 
 _TECHNIQUES = "full,visible,local,single-mesh,multi-mesh"
-_MORE = "ray-cast, and multi-mesh-dynamic"
+_MORE = ("multi-mesh-dynamic", "ray-cast")
 _OF_CITIES = "full,ray-cast"
 """What is compared where a city is drawn as it was read."""
 _DISPLAY = (512, 512)
@@ -105,9 +105,9 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         "--techniques",
         type=names_option,
         metavar="A,B,...",
-        help=f"default: {_TECHNIQUES}; for a CITY {_OF_CITIES}, which is all that needs no dataset; there is also {_MORE}, "
-        "whose views want to be held (--settle); package.module:function is a technique of your own (a function of the scene, "
-        "in a module that can be imported or is in the current folder)",
+        help=f"default: {_TECHNIQUES}; for a CITY {_OF_CITIES}, which is all that needs no dataset; there are also {_MORE[0]}, "
+        f"whose views want to be held (--settle), and {_MORE[1]}; package.module:function is a technique of your own (a function "
+        "of the scene, in a module that can be imported or is in the current folder)",
     )
     add_reading_arguments(parser)
     display = parser.add_argument_group("the display")

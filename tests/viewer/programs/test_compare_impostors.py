@@ -110,7 +110,7 @@ def test_a_technique_of_ones_own_is_named_by_its_module_and_function(capsys, dat
 
 def test_the_techniques_of_the_help_are_those_of_the_package():
     """Those that capture while they run are asked for, because their views want to be held."""
-    assert [*_TECHNIQUES.split(","), *_MORE.split(",")] == list(TECHNIQUES)
+    assert [*_TECHNIQUES.split(","), *_MORE] == list(TECHNIQUES)
 
 
 @pytest.mark.usefixtures("one_process")
