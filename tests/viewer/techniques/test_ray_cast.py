@@ -179,3 +179,24 @@ def test_a_plan_that_finishes_can_be_multisampled(scene):
     without = np.abs(full.color.astype(int) - bare.color).max(axis=2) > 40
     assert off.mean() < 0.03
     assert off.mean() < 0.2 * without.mean()
+
+
+@pytest.mark.parametrize("pitch", [1.5, 0.7, -0.7, -1.5])
+@pytest.mark.parametrize("near", [1.0, 20.0, 1e5])
+def test_it_looks_up_and_down_with_any_near_field(scene, renderer, pitch, near):
+    technique = RayCasting(scene, CastRules(near_field=near))
+    for k in range(3):
+        view = look(scene, -60.0 + 0.2 * k, 0.5, 0.4 + 0.3 * k, pitch, 1.7 if near > 1.0 else 40.0)
+        picture = drawn(renderer, technique, view)
+        assert errors(scene, renderer, picture, view).thickness_px <= 2.0
+        assert bool(technique.latest.rays + technique.latest.reused) <= (near < 1e5)
+
+
+def test_another_display_begins_anew(scene, renderer):
+    technique = RayCasting(scene, CastRules(near_field=NEAR))
+    view = look(scene, *VIEWS[0])
+    drawn(renderer, technique, view)
+    closer = view_towards(view.eye, 0.0, 0.0, focal=2.0 * view.focal, window=view.window)
+    picture = drawn(renderer, technique, closer)
+    assert not technique.latest.reused, "the panorama of larger pixels has too few texels"
+    assert errors(scene, renderer, picture, closer).thickness_px <= 1.0
