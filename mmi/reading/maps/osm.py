@@ -352,14 +352,24 @@ def join_rings(ways: list[tuple[int, ...]]) -> tuple[list[tuple[int, ...]], int]
     """Join node-id chains end to end into closed rings, in the order given; also the number of chains left over."""
     rings = [way for way in ways if len(way) > 3 and way[0] == way[-1]]
     chains = [list(way) for way in ways if len(way) > 1 and way[0] != way[-1]]
+    free = [True] * len(chains)
+    ending: dict[int, list[int]] = {}  # at each node the chains that end there, the first one last
+    for i in reversed(range(len(chains))):
+        for end in (chains[i][0], chains[i][-1]):
+            ending.setdefault(end, []).append(i)
     left_over = 0
-    while chains:
-        chain, used = chains.pop(0), 1
+    for first, chain in enumerate(chains):
+        if not free[first]:
+            continue
+        free[first], used = False, 1
         while chain[0] != chain[-1]:
-            match = next((i for i, other in enumerate(chains) if chain[-1] in (other[0], other[-1])), None)
-            if match is None:
+            waiting = ending[chain[-1]]
+            while waiting and not free[waiting[-1]]:
+                waiting.pop()
+            if not waiting:
                 break
-            other = chains.pop(match)
+            match = waiting.pop()
+            free[match], other = False, chains[match]
             chain += other[1:] if other[0] == chain[-1] else other[-2::-1]
             used += 1
         if chain[0] == chain[-1] and len(chain) > 3:

@@ -334,6 +334,32 @@ def test_rings_are_joined_from_any_pieces(sizes, random):
     assert all(ring[0] == ring[-1] and len(set(ring)) == len(ring) - 1 for ring in rings)
 
 
+def plainly_joined(ways):
+    """The same by looking through all the chains at each step, whose time grows with the square of their number."""
+    rings = [way for way in ways if len(way) > 3 and way[0] == way[-1]]
+    chains = [list(way) for way in ways if len(way) > 1 and way[0] != way[-1]]
+    left_over = 0
+    while chains:
+        chain, used = chains.pop(0), 1
+        while chain[0] != chain[-1]:
+            match = next((i for i, other in enumerate(chains) if chain[-1] in (other[0], other[-1])), None)
+            if match is None:
+                break
+            other = chains.pop(match)
+            chain += other[1:] if other[0] == chain[-1] else other[-2::-1]
+            used += 1
+        if chain[0] == chain[-1] and len(chain) > 3:
+            rings.append(tuple(chain))
+        else:
+            left_over += used
+    return rings, left_over
+
+
+@given(st.lists(st.lists(st.integers(1, 7), max_size=5).map(tuple), max_size=14))
+def test_chains_that_meet_anyhow_are_joined_in_their_order(ways):
+    assert join_rings(ways) == plainly_joined(ways)
+
+
 def josm(path, text):
     """A file as JOSM saves it: new objects have negative ids, the apostrophe is its quotation mark."""
     text = f"<?xml version='1.0' encoding='UTF-8'?>\n<osm version='0.6' generator='JOSM'>{text}</osm>"
