@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from pyproj import CRS
-from shapely.geometry import Polygon
+from shapely.geometry import LineString, Polygon
 
 from mmi.city.model import City, CityObject, TriangleMesh
 from mmi.city.terrain import Terrain
@@ -125,9 +126,6 @@ def city_of_model(
         return points_to_local_frame(points, building_crs, frame)
 
     objects = objects_from_models(layer, move, ledger, progress=progress)
-    with step(progress, "setting the buildings on the ground"):
-        ground = _ground(layer, objects, move, frame, terrain, ledger)
-        objects = settled(objects, ground, ledger)
     if lines is None:
         with step(progress, "looking for paths through the open space"):
             paths, enclosed = open_space_streets(np.array([one.footprint for one in objects], dtype=object))
@@ -142,6 +140,9 @@ def city_of_model(
         shapes = [list(item.lines) for item in lines.items]
     else:
         shapes = moved_lines(lines, street_crs, frame)
+    with step(progress, "setting the buildings on the ground"):
+        ground = _ground(layer, objects, list(chain.from_iterable(shapes)), move, frame, terrain, ledger)
+        objects = settled(objects, ground, ledger)
     with step(progress, "joining the streets"):
         graph = graph_from_lines(
             lines,
@@ -199,15 +200,16 @@ def _clipped(layer: ModelLayer, crs: CRS | None, clip: Box, ledger: Ledger) -> M
 def _ground(
     layer: ModelLayer,
     objects: tuple[CityObject, ...],
+    streets: list[LineString],
     move: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     frame: LocalFrame,
     terrain: Path | None,
     ledger: Ledger,
 ) -> Terrain | float:
-    """The ground from the file ``terrain``, else from the model, else from the buildings' feet."""
+    """The ground from the file ``terrain``, else from the model, else from the buildings' feet and across ``streets``."""
     bounds = coordinate_bounds([one.footprint for one in objects])
     if terrain is not None:
         return ground_of_file(terrain, frame, bounds, ledger)
     if layer.terrain is not None:
         return ground_of_model(layer.terrain, move, bounds, ledger)
-    return ground_of_buildings(objects, bounds, ledger)
+    return ground_of_buildings(objects, streets, bounds, ledger)

@@ -56,8 +56,8 @@ def test_the_buildings_of_a_model_are_counted(tmp_path):
     assert list(steps) == [
         "reading the model town.obj",
         "mending the buildings",
-        "setting the buildings on the ground",
         "looking for paths through the open space",
+        "setting the buildings on the ground",
         "joining the streets",
     ]
 
