@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from pyproj import CRS
 
-from mmi.city.model import City
+from mmi.city.model import PAINTED, PLAIN, City
 from mmi.foundation.errors import CityError, ParameterError
 from mmi.reading.antimeridian import joined_buildings, joined_streets
 from mmi.reading.city_models.tiles import joined_tiles, tiles_of
@@ -213,8 +213,30 @@ def _accounted(city: City, ledger: Ledger) -> CityReport:
         ledger.note("kept", "triangles", count=triangles)
     if city.textures:
         ledger.note("kept", "pictures", count=len(city.textures))
+    _warn_of_lost_pictures(city, ledger)
     ledger.note("kept", "street edges between junctions", count=city.streets.number_of_edges(), metres=metres)
     return ledger.report(source=city.source, crs=city.crs, origin=city.origin)
+
+
+def _warn_of_lost_pictures(city: City, ledger: Ledger) -> None:
+    """Where pictures are left out: what share of the buildings' faces shows painted facades or plain colours instead."""
+    lost = ledger.count_of_kind("left out", "picture")
+    looks = [one.mesh.textures for one in city.objects if one.mesh is not None]
+    if not lost or not looks:
+        return
+    faces = np.concatenate(looks)
+    painted, plain = np.count_nonzero(faces == PAINTED), np.count_nonzero(faces == PLAIN)
+    instead = " and ".join(
+        f"{number} are {what}"
+        for number, what in ((painted, "painted with facades"), (plain, "of a plain colour"))
+        if number
+    )
+    if instead:
+        share = 100.0 * (painted + plain) / len(faces)
+        what = "1 picture" if lost == 1 else f"{lost} pictures"
+        ledger.warn(
+            f"{what} could not be read, and {share:.0f} % of {len(faces)} triangles of the buildings have no picture: {instead}"
+        )
 
 
 def _refuse_columns(path: Path, what: str, options: ReadOptions) -> None:

@@ -123,6 +123,10 @@ class Ledger:
         """Total of the line ``what``, or of the whole section."""
         return sum(n for (s, w), (n, _, _) in self._lines.items() if s == section and what in (None, w))
 
+    def count_of_kind(self, section: Section, kind: str) -> int:
+        """Total of the lines whose ``kind`` of object stands before their colon."""
+        return sum(n for (s, what), (n, _, _) in self._lines.items() if s == section and what.startswith(f"{kind}: "))
+
     def why_left_out(self, kind: str = "") -> str:
         """``"; left out: 8 outline not closed, 2 underground"``: the counted reasons of a ``kind`` of object, most first.
 

@@ -59,7 +59,7 @@ def _coordinates(target: ElementTree.Element, uri: str, ledger: Ledger) -> dict[
             if local_name(one) == "textureCoordinates"
         }
     except ValueError:
-        ledger.note("left out", "picture: texture coordinates that are no numbers", uri)
+        ledger.note("left out", "face: texture coordinates that are no numbers", uri)
         return {}
 
 

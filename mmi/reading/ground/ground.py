@@ -112,7 +112,8 @@ def ground_of_buildings(
         ledger.note("noted", "foot of a building: too high or low for the ground", objects[i].id)
     half, most = np.quantile(np.abs(fit.misfits[~fit.wrong]), [0.5, 0.9])
     wrong = np.count_nonzero(fit.wrong)
-    apart = f", {wrong} {'is' if wrong == 1 else 'are'} taken to be wrong" if wrong else ""
+    are = "is" if wrong == 1 else "are"
+    apart = f", {wrong} {are} taken to be wrong" if wrong else ""
     ledger.warn(
         f"the ground is a guess from the feet of {len(objects)} buildings: half of them are within {half:.2f} m of it, nine "
         f"in ten within {most:.2f} m{apart}; --terrain FILE gives the real one"

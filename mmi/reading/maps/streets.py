@@ -97,8 +97,9 @@ def refusal(tags: dict[str, str], network: str, *, osm: bool) -> str | None:
         return "covered or indoors"
     if tags.get("layer", "").startswith("-") and tags["layer"].strip("-0. "):
         return "below the ground (negative layer)"
-    # The tag of one kind of traffic says more than ``access``, which is for all of them.
-    access, by_car, on_foot = (tags.get(key, "").lower() for key in ("access", "motor_vehicle", "foot"))
+    # The tag of one kind of traffic says more than ``vehicle``, and that more than ``access``, which is for all of them.
+    access, on_foot = (tags.get(key, "").lower() for key in ("access", "foot"))
+    by_car = (tags.get("motor_vehicle") or tags.get("vehicle", "")).lower()
     barred = access in _BARRED
     drive = kind in _DRIVE and by_car not in _BARRED and (by_car in _ALLOWED or not barred)
     walk = kind not in _NO_WALK and on_foot not in {*_BARRED, "use_sidepath"}

@@ -531,7 +531,7 @@ def test_damaged_texture_coordinates_show_nothing(tmp_path):
     assert '-r">0 0' in text
     layer, ledger = read(text.replace('-r">0 0', '-r">0 x'), tmp_path)
     assert (layer.items[0].mesh.textures < 0).all()
-    assert ledger.count("left out", "picture: texture coordinates that are no numbers") == 1
+    assert ledger.count("left out", "face: texture coordinates that are no numbers") == 1
 
 
 def test_ids_that_repeat_get_numbers(tmp_path):

@@ -12,6 +12,7 @@ import pytest
 import shapely
 from cities import block, city_of, crossroads, real
 from city_files import geojson
+from PIL import Image
 from shapely.geometry import LineString, box
 
 from citygen.generate import generate
@@ -405,3 +406,28 @@ def test_what_is_no_model_or_has_no_building():
     refused(folder / "tran/533925_tran_6697_op.gml", "no buildings; expected objects of type Building")
     with pytest.raises(CityError):
         read_city(folder / "bldg/TestCaseOfInvalidFileNameGml.gml")
+
+
+def test_lost_pictures_are_a_headline(tmp_path):
+    """One of two boxes shows a picture that is there, the other one that is not."""
+    path = write_obj(tmp_path / "town.obj", (0, 0, 0, 12, 10, 9), (30, 0, 0, 42, 10, 9))
+    text = path.read_text().replace("o house0", "mtllib town.mtl\no house0\nusemtl there")
+    text = text.replace("o house1", "o house1\nusemtl gone")
+    path.write_text("\n".join(_with_corner(line) for line in ["vt 0 0", "vt 1 0", "vt 1 1", *text.splitlines()]) + "\n")
+    (tmp_path / "town.mtl").write_text("newmtl there\nmap_Kd there.png\nnewmtl gone\nmap_Kd gone.png\n")
+    Image.fromarray(np.full((8, 8, 3), 99, dtype=np.uint8)).save(tmp_path / "there.png")
+    _, report = read_city(path, ReadOptions(up="z"))
+    (warning,) = [text for text in report.warnings if "picture" in text]
+    assert warning.startswith(
+        "1 picture could not be read, and 50 % of 24 triangles of the buildings have no picture: 12 are "
+    )
+    Image.fromarray(np.full((8, 8, 3), 99, dtype=np.uint8)).save(tmp_path / "gone.png")
+    _, report = read_city(path, ReadOptions(up="z"))
+    assert not any("picture" in text for text in report.warnings)
+
+
+def _with_corner(line):
+    """A face whose corners have places in the picture."""
+    if not line.startswith("f "):
+        return line
+    return "f " + " ".join(f"{corner}/{k % 3 + 1}" for k, corner in enumerate(line.split()[1:]))
