@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mmi.rays.horizon_map import Horizon
 from viewer.casting.far_field import FarField
-from viewer.casting.open_pixels import CAST, COVERED, REUSED, SKY, TILE, Found, Rays, classify
+from viewer.casting.open_pixels import CAST, REUSED, SKY, TILE, Found, Rays, classify
 from viewer.casting.panorama import Panorama, store
 from viewer.casting.rules import CastRules
 from viewer.casting.surfaces import cast_pixels
@@ -140,19 +140,20 @@ def cast_frame(
 
     band = TILE * -(-height // (4 * far.workers * TILE))
     list(far.threads.map(some, [(row, min(row + band, height)) for row in range(0, height, band)]))
-    state, texel, error = found.state.reshape(-1), found.texel.reshape(-1), found.error.reshape(-1)
-    wanted = np.flatnonzero(state == CAST)
+    state = found.state.reshape(-1)
+    pixels = np.flatnonzero(state >= REUSED)  # few of all; from here on, numbers are places among them
+    kind, texel, error = state[pixels], found.texel.reshape(-1)[pixels], found.error.reshape(-1)[pixels]
+    wanted = np.flatnonzero(kind == CAST)
     chosen = wanted if most is None else wanted[worst_first(error[wanted], most)]
     if (share or settling) and len(chosen) == len(wanted):
-        stale = np.flatnonzero((state == REUSED) & (error > 0.0))
+        stale = np.flatnonzero((kind == REUSED) & (error > 0.0))
         count = math.ceil(share * len(stale)) + settling
         more = stale[worst_first(error[stale], count if most is None else min(count, most - len(chosen)))]
-        state[more] = CAST
         chosen = np.concatenate([chosen, more])
-    state[wanted] = REUSED  # as it is known, where there is no ray for it
-    state[chosen] = CAST
+    rayless = np.ones(len(pixels), dtype=np.bool_)  # shown as they are known
+    rayless[chosen] = False
 
-    directions = directions_of(chosen, width, rays)
+    directions = directions_of(pixels[chosen], width, rays)
     hits = far.caster.first_hits(rays.eye, directions, nearest=rules.near_field)
     if len(chosen):
         record = panorama.record_at(rays.eye)
@@ -160,17 +161,24 @@ def cast_frame(
     struck = np.flatnonzero(hits.triangle >= 0)
     points = (rays.eye + directions[struck] * hits.distance[struck, None].astype(np.float64)).astype(np.float32)
     fresh = cast_pixels(
-        chosen[struck], width, first_column, hits.triangle[struck], hits.weights[struck], points, rays, far.surfaces
+        pixels[chosen[struck]],
+        width,
+        first_column,
+        hits.triangle[struck],
+        hits.weights[struck],
+        points,
+        rays,
+        far.surfaces,
     )
-    shown = np.flatnonzero((state == REUSED) & (texel >= 0))
+    shown = np.flatnonzero(rayless & (texel >= 0))
+    kept = float(error[shown].max(initial=0.0))
     places = texel[shown]
     triangles = panorama.texels.triangle[places]
-    there = (triangles >= 0) & ~near_objects[
-        far.surfaces.owners[triangles]
-    ]  # near objects are drawn where they are now
+    owners = far.surfaces.owners[triangles]
+    there = (triangles >= 0) & ~near_objects[owners]  # near objects are drawn where they are now
     shown, places, triangles = shown[there], places[there], triangles[there]
     old = cast_pixels(
-        shown,
+        pixels[shown],
         width,
         first_column,
         triangles,
@@ -179,18 +187,18 @@ def cast_frame(
         rays,
         far.surfaces,
     )
-    left = wanted[state[wanted] == REUSED]
+    left = wanted[rayless[wanted]]
     known = int((texel[left] >= 0).sum())
-    kept = error[(state == REUSED) & (texel >= 0)]
+    sky = int(np.count_nonzero(state == SKY))
     tally = CastTally(
         frames=1,
-        covered=int((state == COVERED).sum()),
-        sky=int((state == SKY).sum()),
-        reused=int((state == REUSED).sum()) - len(left),
+        covered=len(state) - sky - len(pixels),
+        sky=sky,
+        reused=int(rayless.sum()) - len(left),
         hit=len(struck),
         missed=len(chosen) - len(struck),
         late=known,
         unknown=len(left) - known,
-        kept_px=float(kept.max(initial=0.0)),
+        kept_px=kept,
     )
     return (CastPixels(fresh, fresh=True), CastPixels(old)), tally

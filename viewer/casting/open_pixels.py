@@ -49,8 +49,8 @@ class Rays(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Of each pixel (h, w): its ``state``, the ``texel`` that shows it best (-1: none does), and the ``error`` in pixels that
-    showing it may make, infinite where there is none.
+    """Of each pixel (h, w): its ``state``; and where that is ``REUSED`` or ``CAST``, the ``texel`` that shows it best (-1: none
+    does), and the ``error`` in pixels that showing it may make, infinite where there is none.
     """
 
     state: NDArray[np.uint8]
@@ -134,22 +134,21 @@ def _simple(
     A tile whose corners all look upwards, above the steepest of the horizon in all their azimuths, is above it: great circles
     between directions above the horizontal bulge upwards.
     """
-    farthest, nearest = 0.0, np.inf
-    for i in range(top, bottom):
-        for j in range(left, right):
-            drawn = depths[i, j]
-            farthest, nearest = max(farthest, drawn), min(nearest, drawn)
     longest = 0.0
     for k in range(4):
         x = (rays.left + (right - 1 if k & 1 else left)) / rays.focal
         y = (rays.top + (bottom - 1 if k & 2 else top)) / rays.focal
         longest = max(longest, math.sqrt(x * x + y * y + 1.0))
-    if farthest * longest > near and not _is_sky(top, bottom, left, right, rays, slopes, first, per_radian):
+    limit = np.float32(near / longest)
+    beyond = 0  # counted, which several pixels are at a time
+    for i in range(top, bottom):
+        for j in range(left, right):
+            beyond += depths[i, j] > limit
+    if beyond and not _is_sky(top, bottom, left, right, rays, slopes, first, per_radian):
         return False
     for i in range(top, bottom):
         for j in range(left, right):
             found.state[i, j] = SKY if depths[i, j] == np.inf else COVERED
-            found.texel[i, j], found.error[i, j] = -1, 0.0
     return True
 
 
@@ -229,7 +228,6 @@ def _each(
             x = (rays.left + j) / focal
             length = math.sqrt(x * x + y * y + 1.0)
             drawn = depths[i, j]
-            found.texel[i, j], found.error[i, j] = -1, 0.0
             if drawn * length <= near:
                 found.state[i, j] = COVERED
                 continue
@@ -241,17 +239,15 @@ def _each(
                 continue
             texel, off = _best(dx, dy, dz, eye, texels, record_error, owners, near_objects, is_open)
             if texel < 0:
-                found.state[i, j], found.error[i, j] = CAST, np.inf
+                found.state[i, j], found.texel[i, j], found.error[i, j] = CAST, -1, np.inf
                 continue
             off *= focal
             error = off if own_errors else record_error[texels.record[texel]]
             if error > (max(limit, _ROUNDING_PX) if own_errors else limit) or off > error + _ROUNDING_PX:
                 found.state[i, j] = CAST
                 if not own_errors and off > error + _ROUNDING_PX:
-                    error = np.inf  # it is some other pixel's
-                else:
-                    found.texel[i, j] = texel
-                found.error[i, j] = error
+                    texel, error = -1, np.inf  # it is some other pixel's
+                found.texel[i, j], found.error[i, j] = texel, error
             else:
                 found.state[i, j], found.texel[i, j], found.error[i, j] = REUSED, texel, error
 

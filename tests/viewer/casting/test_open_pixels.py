@@ -76,7 +76,7 @@ def test_pixels_are_covered_sky_or_cast_as_each_of_them_says(seed, pitch, azimut
                 expected = CAST
             assert found.state[i, j] == expected, (i, j)
     assert (found.error[found.state == CAST] == np.inf).all()
-    assert (found.texel == -1).all()
+    assert (found.texel[found.state == CAST] == -1).all()
 
 
 OPEN = np.full((60, 80), np.inf)
