@@ -21,7 +21,7 @@ __all__ = ["CastPixelsDrawer"]
 _VERTEX = """
 in uvec2 pixel; in float along; in vec2 uv; in float level; in vec4 color; in int object;
 uniform vec2 size;
-out vec2 at; flat out float lod; flat out vec3 tint; flat out int which; flat out float depth;
+flat out vec2 at; flat out float lod; flat out vec3 tint; flat out int which; flat out float depth;
 void main() {
     at = uv; lod = level; tint = color.rgb; which = object; depth = along;
     vec4 clipped = project(vec3(0.0, 0.0, -along));
@@ -34,7 +34,7 @@ uniform sampler2D picture;
 #ifdef TINTED
 uniform vec4 ink;
 #endif
-in vec2 at; flat in float lod; flat in vec3 tint; flat in int which; flat in float depth;
+flat in vec2 at; flat in float lod; flat in vec3 tint; flat in int which; flat in float depth;
 void main() {
     color_out = vec4(textureLod(picture, at, lod).rgb * tint, 1.0);
 #ifdef TINTED
