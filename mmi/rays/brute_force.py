@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mmi.appearance.city_mesh import CityMesh
+from mmi.appearance.cut_outs import AlphaLevels, alpha_levels, clear_at, clear_blocks, cut_out_triangles
 from mmi.rays.coincident import FLAT
 from mmi.rays.hits import Hits, no_hits, rays_of
+from mmi.rays.see_through import LEVEL_BIAS
 
 __all__ = ["BruteForce", "brute_force"]
 
@@ -23,16 +25,28 @@ _PARALLEL = 0.98
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Clear:
+    """Which triangles may be clear, (m,), their ``uv`` (m, 3, 2) and the texture's alpha."""
+
+    any_clear: NDArray[np.bool_]
+    uv: NDArray[np.float64]
+    levels: AlphaLevels
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class BruteForce:
     """A caster that tests every triangle. ``corners`` (m, 3, 3) float64 metres, ``normals`` (m, 3), 0 without area, and
-    ``areas`` (m,), in square metres times two.
+    ``areas`` (m,), in square metres times two; ``clear`` what of them is clear, None if nothing.
     """
 
     corners: NDArray[np.float64]
     normals: NDArray[np.float64]
     areas: NDArray[np.float64]
+    clear: _Clear | None
 
-    def first_hits(self, origins: ArrayLike, directions: ArrayLike, *, nearest: float = 0.0) -> Hits:
+    def first_hits(
+        self, origins: ArrayLike, directions: ArrayLike, *, nearest: float = 0.0, pixel_angle: float = 0.0
+    ) -> Hits:
         """First hits, as :class:`mmi.rays.hits.Caster` has them."""
         starts, along = rays_of(origins, directions)
         starts = np.broadcast_to(starts, along.shape)
@@ -41,6 +55,13 @@ class BruteForce:
         for first in range(0, len(along) if len(self.corners) else 0, some):
             part = slice(first, first + some)
             distances, volumes = self._meetings(starts[part], along[part], nearest)
+            if self.clear is not None:
+                met = np.nonzero(np.isfinite(distances))
+                distances[met] = np.where(
+                    self._is_open(along[part][met[0]], met[1], distances[met], volumes[met], pixel_angle),
+                    np.inf,
+                    distances[met],
+                )
             chosen = self._first_drawn(distances)
             rays = np.arange(len(chosen))
             hit = np.isfinite(distances[rays, chosen])
@@ -65,6 +86,39 @@ class BruteForce:
             met = one_sided & (total != 0.0) & (distances >= nearest)
         return np.where(met, distances, np.inf), weights
 
+    def _is_open(
+        self,
+        directions: NDArray[np.float64],
+        triangles: NDArray[np.intp],
+        distances: NDArray[np.float64],
+        weights: NDArray[np.float64],
+        pixel_angle: float,
+    ) -> NDArray[np.bool_]:
+        """(k,) whether ``triangles`` (k,) are clear where rays meet them at ``distances`` (k,) and ``weights`` (k, 3).
+
+        The texture's coordinates are those of two more rays, a pixel to the right and one up, which meet the same plane.
+        """
+        assert self.clear is not None
+        levels, uv = self.clear.levels, self.clear.uv[triangles]
+        here = np.einsum("kc,kcn->kn", weights, uv)
+        right = np.cross(directions, np.where(np.abs(directions[:, 2:]) < 1.0, (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)))
+        right /= np.linalg.norm(right, axis=1, keepdims=True)
+        corners = self.corners[triangles]
+        edges = np.stack(
+            [corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], self.normals[triangles]], axis=-1
+        )
+        change = np.zeros(len(triangles))
+        for beside in (right, np.cross(right, directions)):
+            step = beside * (distances * pixel_angle)[:, None]
+            normal = self.normals[triangles]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                back = np.einsum("kn,kn->k", normal, step) / np.einsum("kn,kn->k", normal, directions)
+            solved = np.linalg.solve(edges, (step - back[:, None] * directions)[..., None])[:, :2, 0]
+            moved = np.einsum("kc,kcn->kn", solved, uv[:, 1:] - uv[:, :1]) * levels.sizes[0, ::-1]
+            change = np.maximum(change, np.linalg.norm(moved, axis=1))
+        level = np.log2(np.maximum(change, 1.0)) + np.where(change > 1.0, LEVEL_BIAS, 0.0)
+        return self.clear.any_clear[triangles] & clear_at(levels, here, level)
+
     def _first_drawn(self, distances: NDArray[np.float64]) -> NDArray[np.intp]:
         """(n,) of the faces that each ray meets in the plane of its nearest hit, the first."""
         nearest = distances.argmin(axis=1)
@@ -85,7 +139,11 @@ def brute_force(mesh: CityMesh) -> BruteForce:
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(normals, axis=1)
     normals /= np.where(areas > 0.0, areas, 1.0)[:, None]
-    return BruteForce(corners, normals, areas)
+    clear = None
+    if mesh.has_cut_outs:
+        some = cut_out_triangles(clear_blocks(mesh.texture), mesh.uv, mesh.triangles)
+        clear = _Clear(some, mesh.uv[mesh.triangles].astype(np.float64), alpha_levels(mesh.texture))
+    return BruteForce(corners, normals, areas, clear)
 
 
 def _along(

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from mmi.foundation.kernels import kernel
 from mmi.rays.grid import Grid
-from mmi.rays.ray_triangle import meeting, point_met
+from mmi.rays.ray_triangle import Ray, meeting
+from mmi.rays.see_through import SeeThrough, is_open
 
 __all__ = ["FLAT", "Coincident", "coincident_faces", "settle"]
 
@@ -35,14 +36,13 @@ class Coincident(NamedTuple):
     others: NDArray[np.int32]
 
 
-def coincident_faces(corners: NDArray[np.float32], grid: Grid) -> Coincident:
+def coincident_faces(corners: NDArray[np.float32], planes: NDArray[np.float32], grid: Grid) -> Coincident:
     """The triangles with ``corners`` (m, 9) that coincide, whichever way they face: no corner of the smaller is farther from
     the larger one's plane than ``FLAT``, and they overlap by more than that in each direction of it.
 
-    ``grid`` is theirs: only triangles that share a cell are held against each other.
+    ``planes`` (m, 4) and ``grid`` are theirs: only triangles that share a cell are held against each other.
     """
-    normals = _normals(corners)
-    pairs = _pairs(corners, normals, grid, np.empty((1024, 2), dtype=np.int32))
+    pairs = _pairs(corners, planes, grid, np.empty((1024, 2), dtype=np.int32))
     numbers = np.unique(pairs[:, 0].astype(np.int64) * len(corners) + pairs[:, 1])
     first, second = np.divmod(numbers, max(len(corners), 1))
     ones, others = np.concatenate([first, second]), np.concatenate([second, first])
@@ -59,50 +59,30 @@ def coincident_faces(corners: NDArray[np.float32], grid: Grid) -> Coincident:
 def settle(
     corners: NDArray[np.float32],
     coincident: Coincident,
+    see: SeeThrough,
     i: int,
-    kx: int,
-    ky: int,
-    kz: int,
-    ox: float,
-    oy: float,
-    oz: float,
-    sx: float,
-    sy: float,
-    sz: float,
-) -> tuple[int, float, float, float]:
-    """What a ray that meets triangle ``i`` first is said to hit: the triangle, how far along the ray, and the weights of its
-    second and third corner. The ray is as :func:`mmi.rays.ray_triangle.meeting` has it.
+    ray: Ray,
+    d: NDArray[np.float64],
+    pixel_angle: float,
+) -> int:
+    """What a ray along ``d`` (3,) that meets triangle ``i`` first is said to hit: the first drawn of that and what coincides
+    with it, which the ray meets and where it is not clear; -1 if there is none.
     """
+    undecided = True
     for k in range(coincident.starts[i], coincident.starts[i + 1]):
         other = coincident.others[k]
-        if other > i:
-            break
-        if not math.isnan(meeting(corners, other, kx, ky, kz, ox, oy, oz, sx, sy, sz)):
-            i = other
-            break
-    t, v, w = point_met(corners, i, kx, ky, kz, ox, oy, oz, sx, sy, sz)
-    return i, t, v, w
-
-
-@kernel(nogil=True, error_model="numpy")
-def _normals(corners: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(m, 4) unit normals of triangles, and their areas in square metres; all 0 without area."""
-    normals = np.zeros((len(corners), 4), dtype=np.float32)
-    for i in range(len(corners)):
-        a = corners[i]
-        bx, by, bz = float(a[3]) - a[0], float(a[4]) - a[1], float(a[5]) - a[2]
-        cx, cy, cz = float(a[6]) - a[0], float(a[7]) - a[1], float(a[8]) - a[2]
-        nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
-        length = math.sqrt(nx * nx + ny * ny + nz * nz)
-        if length > 0.0:
-            normals[i, 0], normals[i, 1], normals[i, 2] = nx / length, ny / length, nz / length
-            normals[i, 3] = 0.5 * length
-    return normals
+        if undecided and other > i:
+            undecided = False
+            if not is_open(see, corners, i, ray, d, pixel_angle):
+                return i
+        if not math.isnan(meeting(corners, other, ray)) and not is_open(see, corners, other, ray, d, pixel_angle):
+            return int(other)
+    return i if undecided and not is_open(see, corners, i, ray, d, pixel_angle) else -1
 
 
 @kernel(nogil=True, error_model="numpy")
 def _pairs(
-    corners: NDArray[np.float32], normals: NDArray[np.float32], grid: Grid, pairs: NDArray[np.int32]
+    corners: NDArray[np.float32], planes: NDArray[np.float32], grid: Grid, pairs: NDArray[np.int32]
 ) -> NDArray[np.int32]:
     """(p, 2) the pairs that coincide, the lower first, once for each cell that has both. ``pairs`` is room to begin with."""
     found = 0
@@ -123,8 +103,8 @@ def _pairs(
                 if least[n] > most[m] or least[m] > most[n]:
                     continue
                 j = here[n]
-                cosine = normals[i, 0] * normals[j, 0] + normals[i, 1] * normals[j, 1] + normals[i, 2] * normals[j, 2]
-                if abs(cosine) < _PARALLEL or not _coincide(corners, normals, i, j):
+                cosine = planes[i, 0] * planes[j, 0] + planes[i, 1] * planes[j, 1] + planes[i, 2] * planes[j, 2]
+                if abs(cosine) < _PARALLEL or not _coincide(corners, planes, i, j):
                     continue
                 if found == len(pairs):
                     longer = np.empty((2 * found, 2), dtype=np.int32)
@@ -136,10 +116,10 @@ def _pairs(
 
 
 @kernel(nogil=True, error_model="numpy")
-def _coincide(corners: NDArray[np.float32], normals: NDArray[np.float32], i: int, j: int) -> bool:
+def _coincide(corners: NDArray[np.float32], planes: NDArray[np.float32], i: int, j: int) -> bool:
     """Whether two nearly parallel triangles lie in one plane and overlap."""
-    large, small = (i, j) if normals[i, 3] >= normals[j, 3] else (j, i)
-    nx, ny, nz = float(normals[large, 0]), float(normals[large, 1]), float(normals[large, 2])
+    large, small = (i, j) if _area(corners[i]) >= _area(corners[j]) else (j, i)
+    nx, ny, nz = float(planes[large, 0]), float(planes[large, 1]), float(planes[large, 2])
     a, b = corners[large], corners[small]
     for k in range(0, 9, 3):
         x, y, z = float(b[k]) - a[0], float(b[k + 1]) - a[1], float(b[k + 2]) - a[2]
@@ -147,6 +127,14 @@ def _coincide(corners: NDArray[np.float32], normals: NDArray[np.float32], i: int
             return False
     p, q = (1, 2) if abs(nx) >= abs(ny) and abs(nx) >= abs(nz) else (2, 0) if abs(ny) >= abs(nz) else (0, 1)
     return not (_parted(a, b, p, q) or _parted(b, a, p, q))
+
+
+@kernel(nogil=True, error_model="numpy")
+def _area(a: NDArray[np.float32]) -> float:
+    """Twice the area of triangle ``a`` (9,), square metres."""
+    bx, by, bz = float(a[3]) - a[0], float(a[4]) - a[1], float(a[5]) - a[2]
+    cx, cy, cz = float(a[6]) - a[0], float(a[7]) - a[1], float(a[8]) - a[2]
+    return math.hypot(math.hypot(by * cz - bz * cy, bz * cx - bx * cz), bx * cy - by * cx)
 
 
 @kernel(nogil=True, error_model="numpy")

@@ -2,7 +2,9 @@
 tracing", Eurographics 1987; paper section 4.2).
 
 A ray enters the grid where it is ``nearest`` metres long, or later, and steps from cell to cell across the nearest of three
-planes. It stops in the cell that holds the nearest hit so far.
+planes. It stops in the cell that holds the nearest hit so far. Of a cell's triangles only those are tested whose planes pass
+the part of the ray that is in it: a plane is four numbers, and most triangles of a cell are parts of other walls. So a triangle
+that fills many cells is tested in the one where it is met, and none needs to remember rays that it was tested for.
 """
 
 from __future__ import annotations
@@ -17,31 +19,53 @@ from mmi.foundation.kernels import kernel
 from mmi.rays.coincident import Coincident, coincident_faces, settle
 from mmi.rays.grid import Grid, build_grid
 from mmi.rays.hits import Hits, no_hits, rays_of
-from mmi.rays.ray_triangle import corners_of, meeting, shear
+from mmi.rays.ray_triangle import corners_of, meeting, planes_of, point_met, ray_along
+from mmi.rays.see_through import SeeThrough, is_open, see_through_of
 from mmi.rays.shares import Shares
 
 __all__ = ["GridCaster", "grid_caster"]
 
+_BESIDE = 2e-6
+"""Share of the largest coordinate by which a plane may pass beside a ray: four times what float32 makes of its height."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GridCaster:
-    """A caster that walks through ``grid``. ``corners`` (m, 9) of the triangles are metres; ``shares`` has its threads."""
+    """A caster that walks through ``grid``. ``corners`` (m, 9) and ``planes`` (m, 4) of the triangles are in metres;
+    ``beside`` is how far a plane may pass from a ray in its cell, for all that is known of it in float32.
+    """
 
     corners: NDArray[np.float32]
+    planes: NDArray[np.float32]
+    beside: float
     grid: Grid
     coincident: Coincident
+    see: SeeThrough
     shares: Shares
 
-    def first_hits(self, origins: ArrayLike, directions: ArrayLike, *, nearest: float = 0.0) -> Hits:
+    def first_hits(
+        self, origins: ArrayLike, directions: ArrayLike, *, nearest: float = 0.0, pixel_angle: float = 0.0
+    ) -> Hits:
         """First hits, as :class:`mmi.rays.hits.Caster` has them."""
         starts, along = rays_of(origins, directions)
         hits = no_hits(len(along))
+
+        def walk(first: int, last: int) -> None:
+            _walk(
+                starts if len(starts) == 1 else starts[first:last],
+                along[first:last],
+                nearest,
+                pixel_angle,
+                self.corners,
+                self.planes,
+                self.beside,
+                self.grid,
+                self.coincident,
+                self.see,
+                (hits.triangle[first:last], hits.distance[first:last], hits.weights[first:last]),
+            )
+
         if len(self.corners):
-            found = (hits.triangle, hits.distance, hits.weights)
-
-            def walk(first: int, last: int) -> None:
-                _walk(starts, along, nearest, self.corners, self.grid, self.coincident, found, first, last)
-
             self.shares.run(walk, len(along))
         return hits
 
@@ -49,8 +73,16 @@ class GridCaster:
 def grid_caster(mesh: CityMesh, *, workers: int) -> GridCaster:
     """A caster for a mesh, with ``workers`` threads. Building it takes seconds for a million triangles."""
     corners = corners_of(mesh)
-    grid = build_grid(corners)
-    return GridCaster(corners, grid, coincident_faces(corners, grid), Shares(workers))
+    planes, grid = planes_of(corners), build_grid(corners)
+    return GridCaster(
+        corners=corners,
+        planes=planes,
+        beside=_BESIDE * float(np.abs(corners).max(initial=0.0)),
+        grid=grid,
+        coincident=coincident_faces(corners, planes, grid),
+        see=see_through_of(mesh),
+        shares=Shares(workers),
+    )
 
 
 @kernel(nogil=True, error_model="numpy")
@@ -83,59 +115,72 @@ def _walk(
     origins: NDArray[np.float64],
     directions: NDArray[np.float64],
     nearest: float,
+    pixel_angle: float,
     corners: NDArray[np.float32],
+    planes: NDArray[np.float32],
+    beside: float,
     grid: Grid,
     coincident: Coincident,
+    see: SeeThrough,
     found: tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]],
-    first: int,
-    last: int,
 ) -> None:
-    """Find what the rays from ``first`` to ``last`` hit, and write it into ``found``: the three arrays of hits."""
+    """Find what rays hit, and write it into ``found``: the three arrays of hits."""
     triangle, distance, weights = found
     size_x, size_y, size_z = grid.size
     starts, entries = grid.starts, grid.entries
-    for r in range(first, last):
+    for r in range(len(directions)):
         o, d = origins[r if len(origins) > 1 else 0], directions[r]
-        ox, oy, oz, dx, dy, dz = o[0], o[1], o[2], d[0], d[1], d[2]
-        t_in, t_out = _enter(grid, 0, ox, dx, nearest, np.inf)
-        t_in, t_out = _enter(grid, 1, oy, dy, t_in, t_out)
-        t_in, t_out = _enter(grid, 2, oz, dz, t_in, t_out)
+        t_in, t_out = _enter(grid, 0, o[0], d[0], nearest, np.inf)
+        t_in, t_out = _enter(grid, 1, o[1], d[1], t_in, t_out)
+        t_in, t_out = _enter(grid, 2, o[2], d[2], t_in, t_out)
         if not t_in <= t_out < np.inf:
             continue
-        x, step_x, next_x, slow_x = _begin(grid, 0, ox, dx, t_in)
-        y, step_y, next_y, slow_y = _begin(grid, 1, oy, dy, t_in)
-        z, step_z, next_z, slow_z = _begin(grid, 2, oz, dz, t_in)
-        kx, ky, kz, sx, sy, sz = shear(dx, dy, dz)
-        px, py, pz = o[kx], o[ky], o[kz]
+        x, step_x, next_x, slow_x = _begin(grid, 0, o[0], d[0], t_in)
+        y, step_y, next_y, slow_y = _begin(grid, 1, o[1], d[1], t_in)
+        z, step_z, next_z, slow_z = _begin(grid, 2, o[2], d[2], t_in)
+        ray = ray_along(o, d)
+        dx, dy, dz = np.float32(d[0]), np.float32(d[1]), np.float32(d[2])
         best, hit = np.inf, -1
         while True:
+            t_out = min(next_x, next_y, next_z)
             c = (x * size_y + y) * size_z + z
-            for e in range(starts[c], starts[c + 1]):
-                i = entries[e]
-                t = meeting(corners, i, kx, ky, kz, px, py, pz, sx, sy, sz)
-                if nearest <= t and (t < best or (t == best and i < hit)):
-                    best, hit = t, i
+            first, last = starts[c], starts[c + 1]
+            if first < last:
+                middle, half = 0.5 * (t_in + t_out), np.float32(0.5 * (t_out - t_in))
+                mx, my, mz = (
+                    np.float32(o[0] + middle * d[0]),
+                    np.float32(o[1] + middle * d[1]),
+                    np.float32(o[2] + middle * d[2]),
+                )
+                for e in range(first, last):
+                    i = entries[e]
+                    nx, ny, nz = planes[i, 0], planes[i, 1], planes[i, 2]
+                    away = abs(nx * mx + ny * my + nz * mz + planes[i, 3])
+                    if away > abs(nx * dx + ny * dy + nz * dz) * half + np.float32(beside):
+                        continue
+                    t = meeting(corners, i, ray)
+                    closer = nearest <= t and (t < best or (t == best and i < hit))
+                    if closer and not is_open(see, corners, i, ray, d, pixel_angle):
+                        best, hit = t, i
+            if best <= t_out:
+                break
+            t_in = t_out
             if next_x <= next_y and next_x <= next_z:
-                if best <= next_x:
-                    break
                 x += step_x
                 next_x += slow_x
                 if not 0 <= x < size_x:
                     break
             elif next_y <= next_z:
-                if best <= next_y:
-                    break
                 y += step_y
                 next_y += slow_y
                 if not 0 <= y < size_y:
                     break
             else:
-                if best <= next_z:
-                    break
                 z += step_z
                 next_z += slow_z
                 if not 0 <= z < size_z:
                     break
         if hit >= 0:
-            hit, best, v, w = settle(corners, coincident, hit, kx, ky, kz, px, py, pz, sx, sy, sz)
+            hit = settle(corners, coincident, see, hit, ray, d, pixel_angle)
+            best, v, w = point_met(corners, hit, ray)
             triangle[r], distance[r], weights[r, 0], weights[r, 1] = hit, max(best, nearest), v, w

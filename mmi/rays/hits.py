@@ -28,10 +28,13 @@ class Hits:
 class Caster(Protocol):
     """Anything that finds first hits. It may be called from several threads at a time."""
 
-    def first_hits(self, origins: ArrayLike, directions: ArrayLike, *, nearest: float = 0.0) -> Hits:
+    def first_hits(
+        self, origins: ArrayLike, directions: ArrayLike, *, nearest: float = 0.0, pixel_angle: float = 0.0
+    ) -> Hits:
         """The first hits of rays in the city's frame from ``origins`` (3,) or (n, 3) along ``directions`` (n, 3), which are
         unit vectors; those nearer than ``nearest`` metres do not count. Both sides of a triangle can be hit; one without area,
-        or that a ray passes edge-on, is not.
+        or that a ray passes edge-on, is not. Rays go through what is clear of cut-outs, at the level of the texture that
+        pixels of ``pixel_angle`` radians show, the finest for 0.
         """
         ...
 

@@ -11,13 +11,34 @@ Corners are (m, 9) float32, three corners of three coordinates a triangle, in me
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mmi.appearance.city_mesh import CityMesh
 from mmi.foundation.kernels import kernel
 
-__all__ = ["areas", "corners_of", "meeting", "point_met", "shear"]
+__all__ = ["Ray", "corners_of", "meeting", "planes_of", "point_met", "ray_along"]
+
+
+class Ray(NamedTuple):
+    """A ray as triangles are sheared for it: two axes across it (0, 1 or 2), and the one that it goes along most.
+
+    ``ox``, ``oy``, ``oz`` are its origin along these three; ``sx`` and ``sy`` how far it goes along the first two for each
+    metre along the third, and ``sz`` lengths of its direction for each such metre.
+    """
+
+    kx: int
+    ky: int
+    kz: int
+    ox: float
+    oy: float
+    oz: float
+    sx: float
+    sy: float
+    sz: float
 
 
 def corners_of(mesh: CityMesh) -> NDArray[np.float32]:
@@ -26,89 +47,71 @@ def corners_of(mesh: CityMesh) -> NDArray[np.float32]:
 
 
 @kernel(nogil=True, error_model="numpy")
-def shear(dx: float, dy: float, dz: float) -> tuple[int, int, int, float, float, float]:
-    """The axes across a direction and the one most along it, and what corners are sheared and scaled by along these."""
-    ax, ay, az = abs(dx), abs(dy), abs(dz)
-    if ax >= ay and ax >= az:
-        return 1, 2, 0, dy / dx, dz / dx, 1.0 / dx
-    if ay >= az:
-        return 2, 0, 1, dz / dy, dx / dy, 1.0 / dy
-    return 0, 1, 2, dx / dz, dy / dz, 1.0 / dz
-
-
-@kernel(nogil=True, error_model="numpy")
-def areas(
-    corners: NDArray[np.float32],
-    i: int,
-    kx: int,
-    ky: int,
-    kz: int,
-    ox: float,
-    oy: float,
-    oz: float,
-    sx: float,
-    sy: float,
-) -> tuple[float, float, float, float, float, float]:
-    """Twice the areas opposite the three corners of triangle ``i``, as a ray sees them, and how deep each corner lies.
-
-    The ray starts at (ox, oy, oz), in the order of its axes kx, ky, kz (of :func:`shear`, as are the rest); depths are along
-    axis kz. The ray passes through the triangle if no two areas have different signs.
+def planes_of(corners: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(m, 4) unit normals n of triangles and offsets d, so that n x + d is the height of a point x above the plane; all 0
+    without area. The offset holds for the normal as it is rounded.
     """
-    az = corners[i, kz] - oz
-    bz = corners[i, 3 + kz] - oz
-    cz = corners[i, 6 + kz] - oz
-    ax = corners[i, kx] - ox - sx * az
-    ay = corners[i, ky] - oy - sy * az
-    bx = corners[i, 3 + kx] - ox - sx * bz
-    by = corners[i, 3 + ky] - oy - sy * bz
-    cx = corners[i, 6 + kx] - ox - sx * cz
-    cy = corners[i, 6 + ky] - oy - sy * cz
-    return cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax, az, bz, cz
+    planes = np.zeros((len(corners), 4), dtype=np.float32)
+    for i in range(len(corners)):
+        a = corners[i]
+        bx, by, bz = float(a[3]) - a[0], float(a[4]) - a[1], float(a[5]) - a[2]
+        cx, cy, cz = float(a[6]) - a[0], float(a[7]) - a[1], float(a[8]) - a[2]
+        nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+        length = math.sqrt(nx * nx + ny * ny + nz * nz)
+        if length > 0.0:
+            n = planes[i]
+            n[0], n[1], n[2] = nx / length, ny / length, nz / length
+            n[3] = -(
+                n[0] * (a[0] + (bx + cx) / 3.0) + n[1] * (a[1] + (by + cy) / 3.0) + n[2] * (a[2] + (bz + cz) / 3.0)
+            )
+    return planes
 
 
 @kernel(nogil=True, error_model="numpy")
-def meeting(
-    corners: NDArray[np.float32],
-    i: int,
-    kx: int,
-    ky: int,
-    kz: int,
-    ox: float,
-    oy: float,
-    oz: float,
-    sx: float,
-    sy: float,
-    sz: float,
-) -> float:
+def ray_along(o: NDArray[np.float64], d: NDArray[np.float64]) -> Ray:
+    """The ray from ``o`` (3,) along ``d`` (3,)."""
+    ax, ay, az = abs(d[0]), abs(d[1]), abs(d[2])
+    kx, ky, kz = (1, 2, 0) if ax >= ay and ax >= az else (2, 0, 1) if ay >= az else (0, 1, 2)
+    return Ray(kx, ky, kz, o[kx], o[ky], o[kz], d[kx] / d[kz], d[ky] / d[kz], 1.0 / d[kz])
+
+
+@kernel(nogil=True, error_model="numpy")
+def meeting(corners: NDArray[np.float32], i: int, ray: Ray) -> float:
     """How far along a ray it meets triangle ``i``, in lengths of its direction; NaN if it does not."""
-    u, v, w, az, bz, cz = areas(corners, i, kx, ky, kz, ox, oy, oz, sx, sy)
+    u, v, w, az, bz, cz = _areas(corners, i, ray)
     if (u < 0.0 or v < 0.0 or w < 0.0) and (u > 0.0 or v > 0.0 or w > 0.0):
         return np.nan
-    return sz * (u * az + v * bz + w * cz) / (u + v + w)  # 0 / 0 without area, or edge-on
+    return ray.sz * (u * az + v * bz + w * cz) / (u + v + w)  # 0 / 0 without area, or edge-on
 
 
 @kernel(nogil=True, error_model="numpy")
-def point_met(
-    corners: NDArray[np.float32],
-    i: int,
-    kx: int,
-    ky: int,
-    kz: int,
-    ox: float,
-    oy: float,
-    oz: float,
-    sx: float,
-    sy: float,
-    sz: float,
-) -> tuple[float, float, float]:
+def point_met(corners: NDArray[np.float32], i: int, ray: Ray) -> tuple[float, float, float]:
     """Where a ray that meets triangle ``i``, or passes it by a rounding, meets it: how far along, and the weights of the second
     and the third corner. NaN where the ray sees no area.
     """
-    u, v, w, az, bz, cz = areas(corners, i, kx, ky, kz, ox, oy, oz, sx, sy)
+    u, v, w, az, bz, cz = _areas(corners, i, ray)
     det = u + v + w
     u, v, w = max(u / det, 0.0), max(v / det, 0.0), max(w / det, 0.0)
     total = u + v + w
     if det == 0.0 or not total > 0.0:
         return np.nan, 0.0, 0.0
     u, v, w = u / total, v / total, w / total
-    return sz * (u * az + v * bz + w * cz), v, w
+    return ray.sz * (u * az + v * bz + w * cz), v, w
+
+
+@kernel(nogil=True, error_model="numpy")
+def _areas(corners: NDArray[np.float32], i: int, ray: Ray) -> tuple[float, float, float, float, float, float]:
+    """Twice the areas opposite the three corners of triangle ``i``, as a ray sees them, and how deep each corner lies.
+
+    The ray passes through the triangle if no two areas have different signs. Depths are along the ray's third axis.
+    """
+    az = corners[i, ray.kz] - ray.oz
+    bz = corners[i, 3 + ray.kz] - ray.oz
+    cz = corners[i, 6 + ray.kz] - ray.oz
+    ax = corners[i, ray.kx] - ray.ox - ray.sx * az
+    ay = corners[i, ray.ky] - ray.oy - ray.sy * az
+    bx = corners[i, 3 + ray.kx] - ray.ox - ray.sx * bz
+    by = corners[i, 3 + ray.ky] - ray.oy - ray.sy * bz
+    cx = corners[i, 6 + ray.kx] - ray.ox - ray.sx * cz
+    cy = corners[i, 6 + ray.ky] - ray.oy - ray.sy * cz
+    return cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax, az, bz, cz
