@@ -19,11 +19,12 @@ def with_first_cell(dataset, **fields):
 
 
 def with_first_picture(dataset, **fields):
-    """The dataset with other fields for the first picture of its first cell."""
+    """The dataset with other fields for the first picture of its first cell, which is named as these say."""
     entry = dataset.manifest.cells[0]
     k = next(i for i, layers in enumerate(entry.layers) if layers)
     layers = [list(one) for one in entry.layers]
-    layers[k][0] = replace(layers[k][0], **fields)
+    one = replace(layers[k][0], **fields)
+    layers[k][0] = replace(one, name=f"s{k}.l{one.index}" + (f".{one.piece}" if one.piece else ""))
     triangles = sum(one.triangles for sector in layers for one in sector)
     return with_first_cell(dataset, layers=tuple(map(tuple, layers)), triangles=triangles)
 

@@ -122,7 +122,12 @@ class CellEntry:
             raise ValueError(f"finite numbers expected, found {numbers}")
         if self.triangles != sum(one.triangles for _, one in self.pictures):
             raise ValueError(f"as many triangles as its layers have expected, found {self.triangles}")
-        for _, one in self.pictures:
+        for sector, one in self.pictures:
+            name = f"s{sector}.l{one.index}" + (f".{one.piece}" if one.piece else "")
+            if one.name != name:
+                raise ValueError(f"sector {sector}: the name {name} expected, found {one.name}")
+            if one.depth[0] > one.depth[1]:
+                raise ValueError(f"{one.name}: depths, nearest and farthest, expected, found {one.depth}")
             if max(one.objects) >= len(self.far):
                 raise ValueError(f"{one.name}: places below {len(self.far)} in far expected, found {max(one.objects)}")
             if one.in_order > one.triangles:

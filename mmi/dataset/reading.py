@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -43,9 +44,16 @@ class Dataset:
             )
         name = self.path / entry.name
         try:
-            data = name.read_bytes()
+            with name.open("rb") as file:
+                size = os.fstat(file.fileno()).st_size
+                data = file.read(entry.bytes) if size == entry.bytes else b""
         except OSError as error:
             raise DatasetError(f"{name}: cannot be read ({error.strerror}); build it again") from error
+        if size != entry.bytes:
+            raise DatasetError(
+                f"{name}: {entry.bytes} bytes expected, as the manifest says, found {size}; "
+                "run build-impostors again to mend it"
+            )
         if len(data) != entry.bytes or hashlib.sha256(data).hexdigest() != entry.sha256:
             raise DatasetError(
                 f"{name}: {entry.bytes} bytes with the manifest's checksum expected, found {len(data)} other bytes; "

@@ -206,7 +206,7 @@ def test_a_missing_or_damaged_file_is_named_and_the_other_is_not_read(copied, su
 @pytest.mark.parametrize(
     "fields",
     [
-        {"name": "s9.l9"},
+        {"index": 9},
         {"index": 7},
         {"piece": 3},
         {"focal": 10.0},
@@ -254,7 +254,7 @@ def test_a_file_of_other_layers_is_refused(copied, what):
 
 def test_depths_of_another_size_or_of_objects_that_are_not_listed_are_refused(copied):
     entry = copied.manifest.cells[0]
-    for changed in (with_first_picture(copied, window=(0, 0, 8, 8)), with_first_picture(copied, name="s9.l9")):
+    for changed in (with_first_picture(copied, window=(0, 0, 8, 8)), with_first_picture(copied, index=9)):
         with pytest.raises(DatasetError, match=r"\.exr: the layers that the manifest describes"):
             read_depths(changed, entry.id)
     one_object = tuple(tuple(replace(one, objects=(0,)) for one in sector) for sector in entry.layers)

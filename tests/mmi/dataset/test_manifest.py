@@ -2,6 +2,7 @@
 
 import copy
 import json
+import shutil
 from dataclasses import fields, is_dataclass, replace
 from importlib.resources import files
 
@@ -10,6 +11,7 @@ from cities import crossroads
 from manifests import sign_again
 
 from mmi.building.dataset import build_dataset
+from mmi.dataset.folder import DatasetFolder
 from mmi.dataset.manifest import (
     CellEntry,
     CellFiles,
@@ -109,6 +111,16 @@ CHANGES = {
     "more cells than there are": (("totals",), lambda totals: totals.update(cells=99)),
     "triangles of no layer": (("cells", 0), lambda cell: cell.update(triangles=cell["triangles"] + 1)),
     "a promise of another threshold": (("cells", 0), lambda cell: cell.update(promised_error_px=5.0)),
+    "an origin beyond any float": (("city", "origin"), lambda point: point.__setitem__(2, 10**400)),
+    "a ground beyond any float": (("city",), lambda city: city.update(ground=-(10**400))),
+    "bytes beyond any file": (("city", "files", "json"), lambda file: file.update(bytes=10**30)),
+    "a street beyond the city": (("cells", 0, "axis", 0), lambda point: point.__setitem__(0, 1e9)),
+    "a window beyond any picture": (LAYER, lambda layer: layer.update(window=[2**31, 0, 16, 16])),
+    "a picture beyond any memory": (LAYER, lambda layer: layer.update(window=[0, 0, 2**31, 2**31])),
+    "a focal length of nothing real": (LAYER, lambda layer: layer.update(focal=1e308)),
+    "depths the wrong way round": (LAYER, lambda layer: layer.update(depth=[20.0, 10.0])),
+    "a layer named as another": (LAYER, lambda layer: layer.update(name=f"s35.l{layer['index']}")),
+    "a piece named as another": (LAYER, lambda layer: layer.update(name=f"{layer['name'].partition('.')[0]}.l0.7")),
     "unknown weights": (("parameters",), lambda parameters: parameters.update(weights="heavy")),
 }
 
@@ -181,3 +193,75 @@ def test_a_record_that_holds_another_cell_is_damaged_and_what_is_no_record_stays
     assert build_dataset(crossroads(), out, PARAMETERS, max_cells=2).built == 1
     assert (out / "manifest.json").read_bytes() == before
     assert (out / "cells" / "notes.json").read_text() == '{"my": "notes"}'
+
+
+def damaged(data, *, every):
+    """``data`` with one bit flipped, at every ``every``-th place."""
+    for place in range(0, 8 * len(data), every):
+        other = bytearray(data)
+        other[place // 8] ^= 1 << place % 8
+        yield bytes(other)
+
+
+def test_no_flipped_bit_of_a_record_is_taken(dataset):
+    """Neither noticed nor adopted is what it must never be: each flip is refused, or is the same record written otherwise."""
+    data = record_to_json(
+        CellRecord(
+            "a" * 64,
+            "b" * 64,
+            replace(
+                dataset.manifest.cells[0],
+                layers=((),) * 6,
+                triangles=0,
+                files=CellFiles(dataset.manifest.cells[0].files.glb),
+            ),
+        )
+    )
+    for other in damaged(data, every=3):
+        try:
+            record = record_from_json(other)
+        except DatasetError as error:
+            assert "\n" not in str(error)
+        else:
+            assert record == record_from_json(data)
+
+
+def test_no_flipped_bit_of_a_manifest_is_taken(dataset):
+    data = manifest_to_json(replace(dataset.manifest, cells=()))
+    for other in damaged(data, every=3):
+        try:
+            manifest = manifest_from_json(other, name="manifest.json")
+        except DatasetError as error:
+            assert "\n" not in str(error)
+        else:
+            assert manifest == manifest_from_json(data, name="manifest.json")
+
+
+def test_every_flipped_byte_of_a_record_or_of_a_cells_file_is_mended_by_the_next_build(tmp_path):
+    out = tmp_path / "out"
+    build_dataset(crossroads(), out, PARAMETERS, max_cells=1)
+    before = (out / "manifest.json").read_bytes()
+    (name,) = (entry.id for entry in open_dataset(out).manifest.cells)
+    folder = DatasetFolder(out)
+    whole = folder.record(name)
+    for path in sorted((out / "cells").iterdir()):
+        data = path.read_bytes()
+        for other in damaged(data, every=8 * max(len(data) // 60, 1) + 3):
+            path.write_bytes(other)
+            assert folder.record(name) in (None, whole)
+            if path.suffix != ".json":
+                assert folder.record(name) is None
+        assert build_dataset(crossroads(), out, PARAMETERS, max_cells=1).built == 1
+        assert path.read_bytes() == data
+    assert (out / "manifest.json").read_bytes() == before
+
+
+def test_the_size_of_a_file_is_compared_before_it_is_read(dataset, tmp_path):
+    """What fills the memory of any machine is not read to see that it is too large."""
+    out = shutil.copytree(dataset.path, tmp_path / "out")
+    with (out / "city.json").open("r+b") as file:
+        file.truncate(1 << 44)
+    with pytest.raises(
+        DatasetError, match=r"city\.json: \d+ bytes expected, as the manifest says, found 17592186044416"
+    ):
+        open_dataset(out).city()
