@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import itertools
 import json
+import math
 import zlib
 from collections.abc import Iterator
 from typing import Any
@@ -104,7 +105,8 @@ def city_from_json(data: bytes, *, name: str) -> City:
             textures=tuple(Texture(str(one["name"]), _unpacked(one["image"], "|u1")) for one in stored["textures"]),
         )
     except _DAMAGE as error:
-        raise CityError(f"{name}: a city stored by build-impostors expected, found damaged data ({error})") from error
+        why = " ".join(str(error).split())  # GEOS ends its own with a line break
+        raise CityError(f"{name}: a city stored by build-impostors expected, found damaged data ({why})") from error
 
 
 def _packed(array: NDArray[Any]) -> dict[str, Any]:
@@ -117,8 +119,14 @@ def _packed(array: NDArray[Any]) -> dict[str, Any]:
 def _unpacked(stored: dict[str, Any], kind: str) -> NDArray[Any]:
     if stored["kind"] != kind:
         raise ValueError(f"an array of {kind} expected, found {stored['kind']!r}")
-    data = zlib.decompress(base64.b64decode(stored["data"], validate=True))
-    return np.frombuffer(data, dtype=kind).reshape([int(one) for one in stored["shape"]])
+    shape = [int(one) for one in stored["shape"]]
+    size = math.prod(shape) * np.dtype(kind).itemsize
+    unpacking = zlib.decompressobj()
+    # One byte more than is expected: what is packed may be a thousand times as large.
+    data = unpacking.decompress(base64.b64decode(stored["data"], validate=True), max(size, 0) + 1)
+    if len(data) != size or not unpacking.eof:
+        raise ValueError(f"an array of {size} bytes expected, found {'more' if len(data) > size else len(data)}")
+    return np.frombuffer(data, dtype=kind).reshape(shape)
 
 
 def _terrain(stored: dict[str, Any] | None) -> Terrain | None:

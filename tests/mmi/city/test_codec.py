@@ -7,6 +7,7 @@ import dataclasses
 import json
 import math
 import random
+import resource
 import zlib
 
 import networkx as nx
@@ -282,3 +283,24 @@ def test_flipped_bytes_are_refused_or_harmless(seed):
         for _ in range(rng.choice([1, 1, 3])):
             data[rng.randrange(len(data))] = rng.randrange(256)
         read(bytes(data))
+
+
+def test_a_street_of_one_point_is_refused_in_one_line():
+    document = json.loads(city_to_json(crossroads()))
+    document["streets"][0]["line"] = [[0.0, 0.0]]
+    with pytest.raises(CityError, match="a city stored by build-impostors expected") as refused:
+        city_from_json(canonical_json(document), name="city.json")
+    assert "\n" not in str(refused.value)
+
+
+def test_an_array_is_not_unpacked_beyond_its_shape():
+    """What is packed may be a thousand times as large as the file: no more of it is unpacked than the shape says."""
+    document = json.loads(city_to_json(model_city()))
+    image = document["textures"][0]["image"]
+    packing = zlib.compressobj(9)
+    pieces = [packing.compress(bytes(1_000_000)) for _ in range(200)]
+    image["data"] = base64.b64encode(b"".join(pieces) + packing.flush()).decode()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(CityError, match="an array of 96 bytes expected, found more"):
+        city_from_json(canonical_json(document), name="city.json")
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 150_000  # kB
