@@ -31,6 +31,8 @@ from mmi.reading.report import Ledger
 __all__ = ["graph_from_lines", "half_width", "moved_lines", "refusal", "street_kind"]
 
 _LANE_WIDTH = 3.0
+_FARTHEST = 1e6
+"""Metres from the origin: who reaches further has damaged coordinates, with which no geometry can be computed."""
 _SNAP = 0.1
 _SHORTEST = 1.0
 _HEADROOM = 2.5
@@ -152,7 +154,10 @@ def graph_from_lines(
     unused: Counter[str] = Counter()
     for item, own in zip(layer.items, shapes, strict=True):
         reason = refusal(item.tags, network, osm=osm)
-        if reason is None:
+        if reason is None and not (np.abs(shapely.bounds(own)) <= _FARTHEST).all():  # nor is NaN, or infinity
+            ledger.note("left out", f"street: it reaches further than {_FARTHEST / 1e3:,.0f} km", item.id)
+            unused["out of reach"] += 1
+        elif reason is None:
             used.append(item)
             lines.append(own)
             if is_yes(item.tags.get("bridge")):
