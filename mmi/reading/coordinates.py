@@ -12,6 +12,7 @@ import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -116,9 +117,14 @@ def _name(crs: pyproj.CRS) -> str:
 
 def _transform(source: pyproj.CRS, target: pyproj.CRS, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Points (n, 2), x or longitude first, from one CRS to another; not finite where that is impossible."""
-    transformer = pyproj.Transformer.from_crs(source, target, always_xy=True)
-    x, y = transformer.transform(points[:, 0], points[:, 1])
+    x, y = _transformer(source, target).transform(points[:, 0], points[:, 1])
     return np.column_stack([x, y])
+
+
+@lru_cache(maxsize=16)
+def _transformer(source: pyproj.CRS, target: pyproj.CRS) -> pyproj.Transformer:
+    """Looking for the way between two systems takes longer than many points take on it."""
+    return pyproj.Transformer.from_crs(source, target, always_xy=True)
 
 
 def lonlat_bounds(file: str, bounds: Box, crs: pyproj.CRS) -> Box:
