@@ -28,6 +28,8 @@ from mmi.reading.report import Ledger
 
 __all__ = ["is_sumo", "read_sumo"]
 
+_FARTHEST = 1e9
+"""Metres: no network has larger coordinates, and squares of such are still numbers."""
 _LANE_WIDTH = 3.2
 """Metres, where a lane declares none: SUMO's default."""
 _APART = 12.0
@@ -166,7 +168,7 @@ def _location(path: Path, element: ElementTree.Element) -> tuple[pyproj.CRS | No
 def _numbers(text: str) -> list[tuple[float, float]]:
     """``x,y x,y ...``, heights left out."""
     points = [tuple(float(one) for one in word.split(",")) for word in text.split()]
-    if not all(len(point) in (2, 3) and np.isfinite(point).all() for point in points):
+    if not all(len(point) in (2, 3) and np.max(np.abs(point)) <= _FARTHEST for point in points):  # nor is NaN
         raise ValueError(f"x,y expected, found {text[:60]!r}")
     return [(point[0], point[1]) for point in points]
 
