@@ -30,6 +30,7 @@ GENERATED = re.compile(r"(^|/)api/(mmi|viewer|citygen)[\w.]*\.md$")
 OTHER_PROGRAMS = {
     "scripts/test": {"--slow"},
     "mkdocs": {"--strict"},
+    "tests.fuzz": {"--format", "--mutants", "--run", "--first"},
     "pytest": {"--slow"},
 }
 """Options of what is no program with a --help of ours."""

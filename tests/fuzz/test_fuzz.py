@@ -1,0 +1,145 @@
+"""Every format fuzzed a little in every run of the tests, by another run of mutants each day; more where slow tests are wanted.
+
+``python -m tests.fuzz`` does the same for as many mutants as one likes.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from random import Random
+
+import pytest
+from fuzz.formats import FORMATS, Format, mutant_of
+from fuzz.mutators import changed_bytes, changed_glb, changed_sqlite
+from fuzz.pool import ABSURD, ACCEPTED, CRASH, FAILURES, HANG, MEMORY, REFUSED, TRACEBACK, tried
+from fuzz.seeds import read_seeds
+
+from mmi.dataset.manifest import manifest_from_json
+from mmi.foundation.errors import CityError, DatasetError
+
+RUN = int(os.environ.get("FUZZ_RUN", time.time() // 86_400))
+"""Number of the run: the day."""
+FEWER = {
+    "walk": 300,
+    "movers": 300,
+    "manifest": 300,
+    "record": 300,
+    "sealed-record": 150,
+    "sealed-manifest": 60,
+    "osm": 60,
+    "sumo": 60,
+    "off": 60,
+}
+"""Mutants of a format in a usual run, of all others 25: as many as a minute allows."""
+
+
+@pytest.fixture(scope="module")
+def seeds():
+    return read_seeds([*FORMATS])
+
+
+def failing(form, files, numbers):
+    """What failed, and the command that shows it again."""
+    return [
+        f"{one.outcome}: {one.told}; python -m tests.fuzz --format {form.name} --run {RUN} --first {one.number} --mutants 1"
+        for one in tried(form, files, RUN, numbers)
+        if one.outcome in FAILURES
+    ]
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_mutants_are_read_or_refused_in_one_line(seeds, name):
+    assert failing(FORMATS[name], seeds[name], range(FEWER.get(name, 25))) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FORMATS)
+def test_many_mutants_are_read_or_refused_in_one_line(seeds, name):
+    assert failing(FORMATS[name], seeds[name], range(300)) == []
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_the_seeds_themselves_are_accepted(seeds, name):
+    form = FORMATS[name]
+    same = Format(name, {key: (lambda data, _: data,) for key in form.mutators}, form.attempt)
+    (one,) = tried(same, seeds[name], 0, [0])
+    assert one.outcome == ACCEPTED, one.told
+
+
+def test_an_edit_of_a_manifest_that_nobody_sealed_is_refused_or_changes_nothing(seeds):
+    form, files = FORMATS["manifest"], seeds["manifest"]
+    before = manifest_from_json(files["manifest.json"], name="manifest.json")
+    for number in range(200):
+        mutant = mutant_of(form, files, RUN, number)["manifest.json"]
+        try:
+            assert manifest_from_json(mutant, name="manifest.json") == before, number
+        except DatasetError as error:
+            assert "\n" not in str(error)
+
+
+# ------------------------------------------------------------------------------- the harness sees what it is there to see
+
+
+def outcomes(attempt, count=3):
+    form = Format("x", {"x": (changed_bytes,)}, attempt)
+    return [one.outcome for one in tried(form, {"x": b"seed"}, 0, range(count))]
+
+
+def test_what_is_raised_is_told_apart():
+    def refuse(_folder, _expect):
+        raise CityError("one line")
+
+    def two_lines(_folder, _expect):
+        raise CityError("one\nmore")
+
+    def fail(_folder, _expect):
+        raise KeyError("x")
+
+    def absurd(_folder, expect):
+        expect(False, "a house of a million metres")
+
+    def hungry(_folder, _expect):
+        bytearray(3 << 30)
+
+    def accept(folder, _expect):
+        assert (folder / "x").read_bytes() != b""
+
+    found = [outcomes(one, 1) for one in (refuse, two_lines, fail, absurd, hungry, accept)]
+    assert found == [[REFUSED], [TRACEBACK], [TRACEBACK], [ABSURD], [MEMORY], [ACCEPTED]]
+
+
+def test_a_crash_ends_one_mutant_and_the_others_are_tried(tmp_path):
+    def crash_once(_folder, _expect):
+        if not (tmp_path / "done").exists():
+            (tmp_path / "done").touch()
+            os.abort()
+
+    assert outcomes(crash_once) == [CRASH, ACCEPTED, ACCEPTED]
+
+
+def test_who_never_ends_is_stopped(monkeypatch, tmp_path):
+    monkeypatch.setattr("fuzz.pool.CPU_SECONDS", 0)
+
+    def spin(_folder, _expect):
+        if not (tmp_path / "done").exists():
+            (tmp_path / "done").touch()
+            while True:
+                pass
+
+    assert outcomes(spin) == [HANG, ACCEPTED, ACCEPTED]
+
+
+def test_a_mutant_is_made_again_by_its_number(seeds):
+    for name, form in FORMATS.items():
+        assert mutant_of(form, seeds[name], 3, 7) == mutant_of(form, seeds[name], 3, 7)
+        assert any(mutant_of(form, seeds[name], 3, number) != seeds[name] for number in range(5))
+
+
+def test_containers_are_closed_again(seeds):
+    """What was changed inside of a glTF still has the size that its head says, and a GeoPackage is still a database."""
+    glb, table = seeds["glb"]["x.glb"], seeds["gpkg"]["x.gpkg"]
+    for number in range(20):
+        changed = changed_glb(glb, Random(number))
+        assert int.from_bytes(changed[8:12], "little") == len(changed)
+        assert changed_sqlite(table, Random(number)).startswith(b"SQLite format 3") or number
