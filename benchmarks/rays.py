@@ -6,9 +6,9 @@
     python benchmarks/rays.py out/montmartre.json out/metropolis.jsonl --workers 1 2
 
 CITY is what ``build-impostors`` reads. Rays are those that walkers in the streets need: of pictures of 512 x 512 pixels and 60
-degrees, in random directions, the pixels that leave the near field (no object is nearer than ``--near-field`` metres, nor level
-ground) and that the horizon map does not call sky; ``hit`` of them hit something. They are cast from ``--near-field`` metres on,
-in the order of the pixels.
+degrees, in random directions, the pixels that leave the near field (no object is nearer than ``--near-field`` metres, nor
+level ground) and that the horizon map does not call sky; ``hit`` of them hit something. They are cast from ``--near-field``
+metres on, in the order of the pixels.
 
 Every caster casts the same rays in each of ``--rounds`` rounds, one after the other; times are the least of a caster, of which
 others on the same machine take least. ``ceiling`` is Embree alone: float32 arrays made before, distances and triangles not
@@ -23,6 +23,7 @@ import math
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -83,7 +84,7 @@ def ceiling(
     bounds = np.linspace(0, len(directions), workers + 1).astype(int)
     parts = [
         ((origins + nearest * directions)[a:b].astype(np.float32), directions[a:b].astype(np.float32))
-        for a, b in zip(bounds, bounds[1:], strict=False)
+        for a, b in pairwise(bounds)
     ]
     threads = ThreadPoolExecutor(workers)
 
@@ -109,7 +110,9 @@ def measure(path: Path, options: argparse.Namespace) -> None:
     for workers in options.workers:
         built = {}
         for kind in ("embree", "grid"):
-            seconds, built[kind] = timed(lambda kind=kind, workers=workers: make_caster(mesh, kind=kind, workers=workers))
+            seconds, built[kind] = timed(
+                lambda kind=kind, workers=workers: make_caster(mesh, kind=kind, workers=workers)
+            )
             if workers == options.workers[0]:
                 print(f"{path.name}: {len(mesh.triangles):,} triangles; {kind} built in {seconds:.1f} s")
         runs.append(("ceiling", workers, ceiling(built["embree"], origins, directions, near, workers)))

@@ -154,7 +154,7 @@ def cast_frame(
     rayless[chosen] = False
 
     directions = directions_of(pixels[chosen], width, rays)
-    hits = far.caster.first_hits(rays.eye, directions, nearest=rules.near_field)
+    hits = far.caster.first_hits(rays.eye, directions, nearest=rules.near_field, pixel_angle=1.0 / rays.focal)
     if len(chosen):
         record = panorama.record_at(rays.eye)
         store(record, rays.eye, directions, hits.triangle, hits.distance, hits.weights, panorama.texels)

@@ -2,12 +2,14 @@ import math
 
 import numpy as np
 import pytest
+from cut_out_cities import street_of_trees
 
-from mmi.foundation.camera import view_towards
+from mmi.foundation.camera import Camera, view_towards
 from viewer.casting.rules import CastRules
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.view_errors import view_errors
 from viewer.plan import Budget, Objects, Plan
+from viewer.scene.scene import scene_of_city
 from viewer.techniques.geometry import FullGeometry
 from viewer.techniques.ray_cast import RayCasting
 
@@ -200,3 +202,20 @@ def test_another_display_begins_anew(scene, renderer):
     picture = drawn(renderer, technique, closer)
     assert not technique.latest.reused, "the panorama of larger pixels has too few texels"
     assert errors(scene, renderer, picture, closer).thickness_px <= 1.0
+
+
+def test_rays_pass_where_pictures_are_clear():
+    """Trees and a railing of which half is clear, all beyond the near field."""
+    camera = Camera(256, 192, math.radians(60.0))
+    trees = scene_of_city(street_of_trees(), name="multi-mesh", camera=camera)
+    with Renderer(trees.mesh, trees.ground, size=(256, 192), measured=True) as seen:
+        for x, azimuth in ((-95.0, 0.1), (-95.0, -0.05), (60.0, math.pi - 0.1)):
+            view = view_towards(np.array([x, 1.0, 2.0]), azimuth, 0.03, focal=camera.focal, window=camera.window)
+            technique = RayCasting(trees, CastRules(near_field=15.0))
+            picture = drawn(seen, technique, view)
+            truth = drawn(seen, FullGeometry(trees), view)
+            wrong = view_errors(truth, picture, focal=camera.focal, disoccluded=np.zeros((192, 256), bool), flip=False)
+            leaves = np.isin(truth.object_ids, [k for k, one in enumerate(trees.objects) if "tree" in one])
+            assert leaves.mean() > 0.005
+            assert wrong.thickness_px <= 2.0
+            assert wrong.wrong_share < 0.01
