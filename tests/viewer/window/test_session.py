@@ -1,6 +1,7 @@
 """Sessions: the pictures are the renderer's own, walks, what is due, freezing, and what is outside of the cells."""
 
 import math
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -282,3 +283,19 @@ def test_what_was_measured_at_a_column(session, clock):
     with pytest.raises(ParameterError, match="column"):
         session.measured_at(width)
     assert len(session.pictures.drawn) == 2
+
+
+def test_rays_are_prepared_in_the_background_and_then_cast(session, clock):
+    """Meanwhile the geometry is shown, and in the end the same picture: all of it is near or cast."""
+    look = {"right": "ray-cast", "budget_ms": None}
+    first = clock.frame(session, look).header["views"][0]
+    assert first["technique"] == "ray-cast"
+    assert first["preparing"] or session.stage.prepared("ray-cast")
+    deadline = time.monotonic() + 120.0
+    while not session.stage.prepared("ray-cast") and time.monotonic() < deadline:
+        time.sleep(0.05)
+    shown = clock.frame(session, look)
+    assert not shown.header["views"][0]["preparing"]
+    full = own(session, "full", posed(session), session.mail.size).color
+    off = np.abs(shown.picture.astype(int) - full).max(axis=2)
+    assert (off > 60).mean() < 0.01
