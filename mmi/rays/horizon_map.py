@@ -111,16 +111,20 @@ def sky(horizon: Horizon, directions: ArrayLike) -> NDArray[np.bool_]:
 
 
 @kernel(error_model="numpy", nogil=True)
-def is_above(slopes: NDArray[np.float64], first: float, per_radian: float, dx: float, dy: float, dz: float) -> bool:
-    """Whether the direction (dx, dy, dz) is above the horizon whose fields the first three are, as a kernel for kernels."""
-    x, y = np.float64(dx), np.float64(dy)
-    turn = math.atan2(y, x) - first
+def is_above(
+    slopes: NDArray[np.float64], first: float, per_radian: float, turn: float, level: float, dz: float
+) -> bool:
+    """Whether a direction is above the horizon whose fields the first three are, as a kernel for kernels.
+
+    ``turn`` is the direction's azimuth, ``level`` the length of its part along the ground, ``dz`` that of its part upwards.
+    """
+    turn -= first
     turn -= _TURN * math.floor(turn / _TURN)
     column = int(turn * per_radian)
     if not 0 <= column < len(slopes):
         return False
     slope = slopes[column]
-    return slope == -math.inf or dz > slope * math.sqrt(x * x + y * y)
+    return slope == -math.inf or dz > slope * level
 
 
 @kernel(error_model="numpy", nogil=True)
@@ -129,7 +133,8 @@ def _sky(
 ) -> NDArray[np.bool_]:
     above = np.empty(len(directions), dtype=np.bool_)
     for i in range(len(directions)):
-        above[i] = is_above(slopes, first, per_radian, directions[i, 0], directions[i, 1], directions[i, 2])
+        x, y = directions[i, 0], directions[i, 1]
+        above[i] = is_above(slopes, first, per_radian, math.atan2(y, x), math.sqrt(x * x + y * y), directions[i, 2])
     return above
 
 

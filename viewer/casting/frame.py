@@ -18,8 +18,8 @@ from viewer.casting.far_field import FarField
 from viewer.casting.open_pixels import CAST, REUSED, SKY, TILE, Found, Rays, classify
 from viewer.casting.panorama import Panorama, store
 from viewer.casting.rules import CastRules
-from viewer.casting.surfaces import cast_pixels
-from viewer.plan import CastPixels
+from viewer.casting.surfaces import cast_pixels, shown_again
+from viewer.plan import CAST_PIXEL, CastPixels
 
 __all__ = ["CastTally", "cast_frame", "directions_of", "record_errors", "worst_first"]
 
@@ -131,7 +131,6 @@ def cast_frame(
             horizon.per_radian,
             panorama.texels,
             record_error,
-            far.surfaces.owners,
             near_objects,
             limit_px,
             rules.reuse == "hits",
@@ -155,38 +154,40 @@ def cast_frame(
 
     directions = directions_of(pixels[chosen], width, rays)
     hits = far.caster.first_hits(rays.eye, directions, nearest=rules.near_field, pixel_angle=1.0 / rays.focal)
-    if len(chosen):
-        record = panorama.record_at(rays.eye)
-        store(record, rays.eye, directions, hits.triangle, hits.distance, hits.weights, panorama.texels)
     struck = np.flatnonzero(hits.triangle >= 0)
-    points = (rays.eye + directions[struck] * hits.distance[struck, None].astype(np.float64)).astype(np.float32)
+    points = directions.astype(np.float32)
+    points[struck] = rays.eye + directions[struck] * hits.distance[struck, None].astype(np.float64)
     fresh = cast_pixels(
         pixels[chosen[struck]],
         width,
         first_column,
         hits.triangle[struck],
         hits.weights[struck],
-        points,
+        points[struck],
         rays,
         far.surfaces,
     )
+    if len(chosen):
+        looks = np.zeros(len(chosen), dtype=CAST_PIXEL)
+        looks["object"] = -1
+        looks[struck] = fresh
+        store(
+            panorama.record_at(rays.eye),
+            directions,
+            -rays.axes[2],
+            looks["object"],
+            points,
+            looks["uv"],
+            looks["level"],
+            looks["tint"].view("<u4")[:, 0],
+            panorama.texels,
+        )
     shown = np.flatnonzero(rayless & (texel >= 0))
     kept = float(error[shown].max(initial=0.0))
     places = texel[shown]
-    triangles = panorama.texels.triangle[places]
-    owners = far.surfaces.owners[triangles]
-    there = (triangles >= 0) & ~near_objects[owners]  # near objects are drawn where they are now
-    shown, places, triangles = shown[there], places[there], triangles[there]
-    old = cast_pixels(
-        pixels[shown],
-        width,
-        first_column,
-        triangles,
-        panorama.texels.weights[places],
-        panorama.texels.point[places],
-        rays,
-        far.surfaces,
-    )
+    objects = panorama.texels.map["object"][places]
+    there = (objects >= 0) & ~near_objects[objects]  # near objects are drawn where they are now
+    old = shown_again(pixels[shown[there]], width, first_column, places[there], rays, panorama.texels)
     left = wanted[rayless[wanted]]
     known = int((texel[left] >= 0).sum())
     sky = int(np.count_nonzero(state == SKY))

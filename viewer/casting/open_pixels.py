@@ -76,7 +76,6 @@ def classify(
     per_radian: float,
     texels: Texels,
     record_error: NDArray[np.float32],
-    owners: NDArray[np.int32],
     near_objects: NDArray[np.bool_],
     limit: float,
     own_errors: bool,
@@ -87,7 +86,7 @@ def classify(
     ``depths`` (h, w) are those of what was drawn, infinite for sky; far is what is ``near`` metres away or more. The horizon
     of the far is ``slopes`` as :func:`mmi.rays.horizon_map.is_above` has them. ``record_error`` (records,) says by how many
     pixels what was cast for each record may be off at most, infinite where it must not be shown; with ``own_errors`` it is each
-    texel's own point that counts. ``owners`` (m,) are the objects of triangles, ``near_objects`` says which of them are drawn.
+    texel's own point that counts. ``near_objects`` says which of the city's objects are drawn.
     """
     for top in range(rows[0], rows[1], TILE):
         bottom = min(top + TILE, rows[1])
@@ -107,7 +106,6 @@ def classify(
                     per_radian,
                     texels,
                     record_error,
-                    owners,
                     near_objects,
                     limit,
                     own_errors,
@@ -214,7 +212,6 @@ def _each(
     per_radian: float,
     texels: Texels,
     record_error: NDArray[np.float32],
-    owners: NDArray[np.int32],
     near_objects: NDArray[np.bool_],
     limit: float,
     own_errors: bool,
@@ -234,15 +231,16 @@ def _each(
             dx, dy, dz = _direction(x, y, rays.axes)
             dx, dy, dz = dx / length, dy / length, dz / length
             is_open = drawn == np.inf
-            if is_above(slopes, first, per_radian, dx, dy, dz):
+            turn, level = math.atan2(dy, dx), math.sqrt(dx * dx + dy * dy)
+            if is_above(slopes, first, per_radian, turn, level, dz):
                 found.state[i, j] = SKY if is_open else COVERED
                 continue
-            texel, off = _best(dx, dy, dz, eye, texels, record_error, owners, near_objects, is_open)
+            texel, off = _best(dx, dy, dz, eye, texels, record_error, near_objects, turn, level, is_open)
             if texel < 0:
                 found.state[i, j], found.texel[i, j], found.error[i, j] = CAST, -1, np.inf
                 continue
             off *= focal
-            error = off if own_errors else record_error[texels.record[texel]]
+            error = off if own_errors else record_error[texels.map[texel].record]
             if error > (max(limit, _ROUNDING_PX) if own_errors else limit) or off > error + _ROUNDING_PX:
                 found.state[i, j] = CAST
                 if not own_errors and off > error + _ROUNDING_PX:
@@ -260,20 +258,24 @@ def _best(
     eye: NDArray[np.float64],
     texels: Texels,
     record_error: NDArray[np.float32],
-    owners: NDArray[np.int32],
     near_objects: NDArray[np.bool_],
+    turn: float,
+    level: float,
     is_open: bool,
 ) -> tuple[int, float]:
     """The texel whose point is seen nearest to a direction, and by what angle it is off; -1 where there is none.
 
-    Points of near objects are drawn where the viewer sees them, so that an open pixel shows none of them.
+    ``turn`` is the direction's azimuth, ``level`` its part along the ground. Points of near objects are drawn where the viewer
+    sees them, so that an open pixel shows none of them.
     """
     columns, rows, step = texels.columns, texels.rows, texels.step
     best, least = -1, np.inf
+    column = min(int((turn + math.pi) / step), columns - 1)
+    row = min(int((math.atan2(dz, level) + 0.5 * math.pi) / step), rows - 1)
     tx, ty, tz = dx, dy, dz
-    for turn in range(_CORRECTIONS + 1):
-        column, row = texel_of(tx, ty, tz, columns, rows, step)
+    for correction in range(_CORRECTIONS + 1):
         met = -1
+        mx, my, mz = 0.0, 0.0, 0.0
         for k in range(9):  # the texel itself, then those around it
             if k > 0 and met >= 0 and least <= step:
                 break
@@ -281,26 +283,22 @@ def _best(
             if r < 0 or r >= rows:
                 continue
             place = r * columns + c % columns
-            record = texels.record[place]
-            if record == 0 or record_error[record] == np.inf:
+            texel = texels.map[place]
+            if texel.record == 0 or record_error[texel.record] == np.inf:
                 continue
-            triangle = texels.triangle[place]
-            px, py, pz = texels.point[place, 0], texels.point[place, 1], texels.point[place, 2]
-            if triangle >= 0:
-                if near_objects[owners[triangle]] and is_open:
+            px, py, pz = float(texel.x), float(texel.y), float(texel.z)
+            if texel.object >= 0:
+                if is_open and near_objects[texel.object]:
                     continue
                 px, py, pz = px - eye[0], py - eye[1], pz - eye[2]
-            size = math.sqrt(px * px + py * py + pz * pz)
-            ex, ey, ez = px / size - dx, py / size - dy, pz / size - dz
-            off = math.sqrt(ex * ex + ey * ey + ez * ez)
+            scale = 1.0 / math.sqrt(px * px + py * py + pz * pz)
+            px, py, pz = px * scale, py * scale, pz * scale
+            off = math.sqrt((px - dx) ** 2 + (py - dy) ** 2 + (pz - dz) ** 2)
             if off < least:
                 best, least, met = place, off, place
-        if met < 0 or least <= step or turn == _CORRECTIONS:
+                mx, my, mz = px, py, pz
+        if met < 0 or least <= step or correction == _CORRECTIONS or texels.map[met].object < 0:
             break
-        triangle = texels.triangle[met]
-        if triangle < 0:
-            break
-        px, py, pz = texels.point[met, 0] - eye[0], texels.point[met, 1] - eye[1], texels.point[met, 2] - eye[2]
-        size = math.sqrt(px * px + py * py + pz * pz)
-        tx, ty, tz = tx + dx - px / size, ty + dy - py / size, tz + dz - pz / size
+        tx, ty, tz = tx + dx - mx, ty + dy - my, tz + dz - mz
+        column, row = texel_of(tx, ty, tz, columns, rows, step)
     return best, least

@@ -4,9 +4,9 @@ The paper's map is a cylinder. This one goes up to the zenith and down: a row is
 azimuth, and both are as far apart as the smallest pixels of the display, those at its left and right border, so that no two
 pixels of a level view need the same texel. Memory that no direction has needed is not taken.
 
-A texel keeps what its ray has hit, not a colour: the triangle, where on it, and the point. So it is known how wrong it is when
-it is shown from elsewhere, and the renderer gives it the colour that it gives to geometry. A *record* is a place that rays were
-cast from (the paper's confidence record); record 0 stands for what nobody has cast.
+A texel keeps what its ray has hit, not a colour: the point, and where in the city's texture it is. So it is known how wrong it
+is when it is shown from elsewhere, and the renderer gives it the colour that it gives to geometry. A *record* is a place that
+rays were cast from (the paper's confidence record); record 0 stands for what nobody has cast.
 """
 
 from __future__ import annotations
@@ -20,28 +20,49 @@ from numpy.typing import NDArray
 from mmi.foundation.camera import View
 from mmi.foundation.kernels import kernel
 
-__all__ = ["Panorama", "Texels", "smallest_pixel", "store", "texel_of"]
+__all__ = ["PIXEL_LEVELS", "Panorama", "Texels", "smallest_pixel", "store", "texel_of"]
 
 _APART = 1e-6
 """Metres below which two places are one: who turns on the spot stays where it is, to rounding."""
+PIXEL_LEVELS = 1.5
+"""Mipmap levels by which a pixel off the middle shows more detail for each halving of the cosine of how far off it looks: it
+is smaller by the cosine along circles around the middle, and by its square away from it.
+"""
+_MOST_COLUMNS = 16_384
+"""Enough for 2560 pixels and 60 degrees. A map of all directions takes 4.8 GB at most, where all of them have been seen."""
 _MOST_RECORDS = 4096
 """Of older ones nothing is shown again."""
 
 
-class Texels(NamedTuple):
-    """All texels, row by row from straight down to straight up; ``size`` is (columns, rows), ``step`` radians of both.
+TEXEL = np.dtype(
+    [
+        ("record", "<i4"),
+        ("object", "<i4"),
+        ("x", "<f4"),
+        ("y", "<f4"),
+        ("z", "<f4"),
+        ("u", "<f4"),
+        ("v", "<f4"),
+        ("level", "<f4"),
+        ("tint", "<u4"),
+    ]
+)
+"""What is known of a direction: the ``record`` of where it was cast, the ``object`` that was hit, -1 for none, and the point in
+the world (for none, the direction). Texture coordinates and ``tint`` are those of the point, ``level`` is the mipmap level at
+which a pixel in the middle of the picture would show it.
+"""
 
-    ``record`` (n,) says from where each was cast; ``triangle`` (n,) what was hit, -1 for nothing, at barycentric ``weights``
-    (n, 2) of its second and third corner, which is the ``point`` (n, 3), world; for nothing, ``point`` is the direction.
+
+class Texels(NamedTuple):
+    """All texels, row by row from straight down to straight up; ``step`` is radians of a column and of a row.
+
+    ``map`` (columns * rows,) of ``TEXEL``.
     """
 
     columns: int
     rows: int
     step: float
-    record: NDArray[np.int32]
-    triangle: NDArray[np.int32]
-    weights: NDArray[np.float32]
-    point: NDArray[np.float32]
+    map: NDArray[np.void]
 
 
 def smallest_pixel(view: View) -> float:
@@ -55,19 +76,11 @@ class Panorama:
     """The map of one viewer, whose smallest pixels are ``pixel`` radians wide."""
 
     def __init__(self, pixel: float) -> None:
-        columns = max(math.ceil(2.0 * math.pi / pixel), 8)
+        columns = min(max(math.ceil(2.0 * math.pi / pixel), 8), _MOST_COLUMNS)
         step = 2.0 * math.pi / columns
         rows = math.ceil(math.pi / step) + 1
         # Zeros are not in memory before they are written.
-        self.texels = Texels(
-            columns,
-            rows,
-            step,
-            np.zeros(columns * rows, dtype=np.int32),
-            np.zeros(columns * rows, dtype=np.int32),
-            np.zeros((columns * rows, 2), dtype=np.float32),
-            np.zeros((columns * rows, 3), dtype=np.float32),
-        )
+        self.texels = Texels(columns, rows, step, np.zeros(columns * rows, dtype=TEXEL))
         self._eyes = np.zeros((0, 3))
         self._dropped = 0
 
@@ -105,24 +118,25 @@ def texel_of(dx: float, dy: float, dz: float, columns: int, rows: int, step: flo
 @kernel(nogil=True)
 def store(
     record: int,
-    eye: NDArray[np.float64],
     directions: NDArray[np.float64],
-    triangles: NDArray[np.int32],
-    distances: NDArray[np.float32],
-    weights: NDArray[np.float32],
+    ahead: NDArray[np.float64],
+    objects: NDArray[np.int32],
+    points: NDArray[np.float32],
+    uv: NDArray[np.float32],
+    levels: NDArray[np.float32],
+    tints: NDArray[np.uint32],
     texels: Texels,
 ) -> None:
-    """Keep what rays from ``eye`` (3,) in unit ``directions`` (n, 3) have hit, under ``record``."""
-    for k in range(len(triangles)):
+    """Keep what rays in unit ``directions`` (n, 3) have hit, under ``record``: ``TEXEL``'s values, a row each.
+
+    ``levels`` (n,) are those of the pixels that the rays went through, of a picture that looks ``ahead`` (3,).
+    """
+    for k in range(len(objects)):
         dx, dy, dz = directions[k, 0], directions[k, 1], directions[k, 2]
         column, row = texel_of(dx, dy, dz, texels.columns, texels.rows, texels.step)
-        place = row * texels.columns + column
-        texels.record[place], texels.triangle[place] = record, triangles[k]
-        texels.weights[place, 0], texels.weights[place, 1] = weights[k, 0], weights[k, 1]
-        far = float(distances[k])
-        if triangles[k] < 0:
-            texels.point[place, 0], texels.point[place, 1], texels.point[place, 2] = dx, dy, dz
-        else:
-            texels.point[place, 0] = eye[0] + far * dx
-            texels.point[place, 1] = eye[1] + far * dy
-            texels.point[place, 2] = eye[2] + far * dz
+        texel = texels.map[row * texels.columns + column]
+        texel.record, texel.object = record, objects[k]
+        texel.x, texel.y, texel.z = points[k, 0], points[k, 1], points[k, 2]
+        texel.u, texel.v, texel.tint = uv[k, 0], uv[k, 1], tints[k]
+        cosine = dx * ahead[0] + dy * ahead[1] + dz * ahead[2]
+        texel.level = levels[k] - PIXEL_LEVELS * math.log2(cosine)

@@ -15,13 +15,27 @@ from numpy.typing import NDArray
 from mmi.appearance.city_mesh import CityMesh
 from mmi.foundation.kernels import kernel
 from viewer.casting.open_pixels import Rays
+from viewer.casting.panorama import PIXEL_LEVELS, Texels
 from viewer.plan import CAST_PIXEL
 
-__all__ = ["LEVEL_BIAS", "Surfaces", "cast_pixels", "surfaces_of"]
+__all__ = ["LEVEL_BIAS", "Surfaces", "cast_pixels", "shown_again", "surfaces_of"]
 
 LEVEL_BIAS = -0.75
 """That of the renderer's meshes (``viewer.drawing.kinds.meshes``)."""
 _GRAZING = 1e-9
+_PIXEL = np.dtype(
+    [
+        ("x", "<u2"),
+        ("y", "<u2"),
+        ("depth", "<f4"),
+        ("u", "<f4"),
+        ("v", "<f4"),
+        ("level", "<f4"),
+        ("tint", "<u4"),
+        ("object", "<i4"),
+    ]
+)
+"""``CAST_PIXEL`` without arrays, which kernels write faster."""
 
 
 class Surfaces(NamedTuple):
@@ -63,6 +77,34 @@ def cast_pixels(
     samples["uv"], samples["level"], samples["depth"] = found[:, :2], found[:, 2], found[:, 3]
     samples["object"] = surfaces.owners[triangles]
     return samples
+
+
+def shown_again(
+    pixels: NDArray[np.int64],
+    width: int,
+    first_column: int,
+    places: NDArray[np.int32],
+    rays: Rays,
+    texels: Texels,
+) -> NDArray[np.void]:
+    """``CAST_PIXEL`` (n,) for ``pixels`` (n,), as :func:`cast_pixels`, which show ``places`` (n,) of a panorama's map."""
+    samples = np.empty(len(pixels), dtype=CAST_PIXEL)
+    samples["pixel"][:, 0], samples["pixel"][:, 1] = first_column + pixels % width, pixels // width
+    _show(places, rays, texels, samples.view(_PIXEL))
+    return samples
+
+
+@kernel(nogil=True)
+def _show(places: NDArray[np.int32], rays: Rays, texels: Texels, samples: NDArray[np.void]) -> None:
+    axes, eye = rays.axes, rays.eye
+    for k in range(len(places)):
+        texel, sample = texels.map[places[k]], samples[k]
+        x, y, z = texel.x - eye[0], texel.y - eye[1], texel.z - eye[2]
+        depth = -(axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z)
+        cosine = depth / math.sqrt(x * x + y * y + z * z)
+        sample.depth, sample.u, sample.v = depth, texel.u, texel.v
+        sample.level = texel.level + PIXEL_LEVELS * math.log2(max(cosine, 1e-6))
+        sample.tint, sample.object = texel.tint, texel.object
 
 
 @kernel(nogil=True)

@@ -229,7 +229,14 @@ def test_pixels_of_any_view(hills):
         directions = pixel_directions(view)
         window = azimuths_of(directions[[0, 23, -24, -1]])
         horizon = horizon_of(field, eye, beyond=15.0, window=window)
-        above = np.array([is_above(horizon.slopes, horizon.first, horizon.per_radian, *one) for one in directions])
+        above = np.array(
+            [
+                is_above(
+                    horizon.slopes, horizon.first, horizon.per_radian, math.atan2(y, x), math.hypot(x, y), float(z)
+                )
+                for x, y, z in directions
+            ]
+        )
         hit = hits_beyond(eye, directions.astype(float), corners, 15.0)
         assert not (above & hit).any()
         missed = ~hits_beyond(eye, directions.astype(float), corners, 0.0) & (directions[:, 2] > 0.0)

@@ -13,7 +13,6 @@ from viewer.casting.panorama import Panorama, smallest_pixel, store
 CAMERA = Camera(80, 60, math.radians(70.0))
 VIEW = View(np.eye(4), CAMERA.focal, CAMERA.window)
 NEAR = 50.0
-OWNERS = np.arange(4, dtype=np.int32)
 NOBODY = np.zeros(4, dtype=np.bool_)
 
 
@@ -29,7 +28,6 @@ def classified(depths, view, horizon, panorama, *, errors=None, near_objects=NOB
         *horizon,
         panorama.texels,
         np.array([np.inf] if errors is None else errors, dtype=np.float32),
-        OWNERS,
         near_objects,
         limit,
         own,
@@ -67,7 +65,8 @@ def test_pixels_are_covered_sky_or_cast_as_each_of_them_says(seed, pitch, azimut
     ahead = -(rays @ view.eye_from_world[2, :3])
     for i in range(60):
         for j in range(80):
-            above = is_above(*horizon, *rays[i, j])
+            x, y, z = rays[i, j]
+            above = is_above(*horizon, math.atan2(y, x), math.hypot(x, y), z)
             if depths[i, j] / ahead[i, j] <= NEAR:
                 expected = COVERED
             elif above:
@@ -83,7 +82,7 @@ OPEN = np.full((60, 80), np.inf)
 WALL = (np.full(4, np.inf), -math.pi, 4 / (2.0 * math.pi))  # nothing is above it
 
 
-def filled(eye, *, distance=200.0, triangle=1):
+def filled(eye, *, distance=200.0, which=1):
     """A panorama with what a view from ``eye`` has cast: a sphere around it."""
     panorama = Panorama(smallest_pixel(VIEW))
     view = view_towards(eye, 0.5, 0.1, focal=CAMERA.focal, window=CAMERA.window)
@@ -91,11 +90,13 @@ def filled(eye, *, distance=200.0, triangle=1):
     count = len(rays)
     store(
         panorama.record_at(eye),
-        eye,
         np.ascontiguousarray(rays),
-        np.full(count, triangle, dtype=np.int32),
-        np.full(count, distance, dtype=np.float32),
+        -view.eye_from_world[2, :3],
+        np.full(count, which, dtype=np.int32),
+        (rays if which < 0 else eye + distance * rays).astype(np.float32),
         np.zeros((count, 2), dtype=np.float32),
+        np.zeros(count, dtype=np.float32),
+        np.zeros(count, dtype=np.uint32),
         panorama.texels,
     )
     return panorama, view
@@ -104,9 +105,9 @@ def filled(eye, *, distance=200.0, triangle=1):
 EYE = np.array([5.0, -3.0, 1.7])
 
 
-@pytest.mark.parametrize("triangle", [1, -1])
-def test_what_was_cast_from_here_is_shown_again(triangle):
-    panorama, view = filled(EYE, triangle=triangle)
+@pytest.mark.parametrize("which", [1, -1])
+def test_what_was_cast_from_here_is_shown_again(which):
+    panorama, view = filled(EYE, which=which)
     found = classified(OPEN, view, WALL, panorama, errors=[np.inf, 0.0])
     assert (found.state == REUSED).all()
     assert len(np.unique(found.texel)) > 0.95 * found.texel.size
@@ -148,7 +149,8 @@ def test_texels_are_reprojected():
     found = classified(OPEN, beside, WALL, panorama, errors=[np.inf, 3.0])
     shown = found.state == REUSED
     assert shown.mean() > 0.9
-    points = panorama.texels.point[found.texel[shown]].astype(np.float64)
+    texels = panorama.texels.map[found.texel[shown]]
+    points = np.stack([texels[name] for name in "xyz"], axis=-1).astype(np.float64)
     rays = points - beside.eye
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     off = CAMERA.focal * np.linalg.norm(rays - directions(beside)[shown], axis=1)
@@ -158,7 +160,7 @@ def test_texels_are_reprojected():
 
 
 def test_points_of_near_objects_are_drawn_anyway_or_not_there():
-    panorama, view = filled(EYE, triangle=2)
+    panorama, view = filled(EYE, which=2)
     near = np.array([False, False, True, False])
     found = classified(OPEN, view, WALL, panorama, errors=[np.inf, 0.0], near_objects=near)
     assert (found.state == CAST).all()

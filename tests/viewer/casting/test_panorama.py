@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mmi.foundation.camera import Camera, View
-from viewer.casting.panorama import Panorama, smallest_pixel, store, texel_of
+from viewer.casting.panorama import PIXEL_LEVELS, Panorama, smallest_pixel, store, texel_of
 
 CAMERA = Camera(64, 48, math.radians(60.0))
 VIEW = View(np.eye(4), CAMERA.focal, CAMERA.window)
@@ -42,23 +42,26 @@ def test_what_was_cast_is_kept_with_its_record():
     directions = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     store(
         record,
-        eye,
         directions,
+        np.array([0.8, 0.6, 0.0]),
         np.array([7, -1], dtype=np.int32),
-        np.array([120.0, np.inf], dtype=np.float32),
+        np.array([[130.0, 20.0, 2.0], [0.0, 1.0, 0.0]], dtype=np.float32),
         np.array([[0.25, 0.5], [0.0, 0.0]], dtype=np.float32),
+        np.array([2.0, 0.0], dtype=np.float32),
+        np.array([0xFF102030, 0], dtype=np.uint32),
         panorama.texels,
     )
     texels = panorama.texels
     hit, missed = (
         np.ravel_multi_index(texel_of(*one, *texels[:3])[::-1], (texels.rows, texels.columns)) for one in directions
     )
-    assert texels.record[[hit, missed]].tolist() == [record, record]
-    assert (texels.record > 0).sum() == 2
-    assert texels.triangle[[hit, missed]].tolist() == [7, -1]
-    assert texels.point[hit].tolist() == [130.0, 20.0, 2.0]
-    assert texels.point[missed].tolist() == [0.0, 1.0, 0.0]
-    assert texels.weights[hit].tolist() == [0.25, 0.5]
+    known = texels.map[[hit, missed]]
+    assert known["record"].tolist() == [record, record]
+    assert (texels.map["record"] > 0).sum() == 2
+    assert known["object"].tolist() == [7, -1]
+    assert [known[name].tolist() for name in "xyz"] == [[130.0, 0.0], [20.0, 1.0], [2.0, 0.0]]
+    assert [known["u"][0], known["v"][0], known["tint"][0]] == [0.25, 0.5, 0xFF102030]
+    assert known["level"][0] == pytest.approx(2.0 - PIXEL_LEVELS * math.log2(0.8))
 
 
 def test_records_tell_how_far_away_they_are():

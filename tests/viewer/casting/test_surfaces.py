@@ -3,7 +3,8 @@ import pytest
 
 from mmi.foundation.camera import view_towards
 from viewer.casting.open_pixels import rays_of
-from viewer.casting.surfaces import LEVEL_BIAS, cast_pixels, surfaces_of
+from viewer.casting.panorama import Panorama, store, texel_of
+from viewer.casting.surfaces import LEVEL_BIAS, cast_pixels, shown_again, surfaces_of
 
 WINDOW = (-100, -80, 200, 160)
 FOCAL = 170.0
@@ -63,3 +64,44 @@ def test_pixels_have_the_coordinates_tint_and_level_of_their_surface(scene):
         assert samples["level"][k] == pytest.approx(np.log2(longest) + LEVEL_BIAS, abs=2e-3)
         compared += 1
     assert compared > 80
+
+
+def test_what_is_shown_again_is_what_was_cast(scene):
+    """From the same place, turned aside: coordinates, tint, object and depth of the point, and about the level of a new ray."""
+    mesh, rng = scene.mesh, np.random.default_rng(6)
+    eye = np.array([0.0, 0.0, 1.7])
+    view, turned = (view_towards(eye, azimuth, 0.1, focal=FOCAL, window=WINDOW) for azimuth in (0.4, 0.7))
+    triangles, weights, points = hits_of(mesh, rng, 600)
+    kept = (view.project(points)[:, 2] > 1.0) & (turned.project(points)[:, 2] > 1.0)
+    inside = [np.abs(one.project(points)[:, :2] / (100.0, 80.0)).max(axis=1) < 1.0 for one in (view, turned)]
+    kept &= inside[0] & inside[1]
+    triangles, weights, points = triangles[kept], weights[kept], points[kept].astype(np.float32)
+    assert len(points) > 30
+    surfaces, panorama = surfaces_of(mesh), Panorama(1e-3)
+    pixels = np.arange(len(points))
+    cast = cast_pixels(pixels, 200, 0, triangles, weights, points, rays_of(view), surfaces)
+    directions = points - eye
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    store(
+        panorama.record_at(eye),
+        directions,
+        -view.eye_from_world[2, :3],
+        cast["object"],
+        points,
+        cast["uv"],
+        cast["level"],
+        cast["tint"].view("<u4")[:, 0],
+        panorama.texels,
+    )
+    texels = panorama.texels
+    at = [texel_of(*one, texels.columns, texels.rows, texels.step) for one in directions]
+    places = np.array([row * texels.columns + column for column, row in at], dtype=np.int32)
+    again = shown_again(pixels, 200, 0, places, rays_of(turned), texels)
+    new = cast_pixels(pixels, 200, 0, triangles, weights, points, rays_of(turned), surfaces)
+    own = np.array([(places == place).sum() == 1 for place in places])  # some share a texel with another
+    assert own.sum() > 30
+    again, new = again[own], new[own]
+    for name in ("pixel", "uv", "tint", "object"):
+        assert np.array_equal(again[name], new[name]), name
+    assert again["depth"] == pytest.approx(new["depth"], rel=1e-5)
+    assert np.abs(again["level"] - new["level"]).max() < 0.4
