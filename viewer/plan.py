@@ -181,11 +181,11 @@ class CastPixels:
 
     ``samples`` (n,) of ``CAST_PIXEL``: ``pixel``, column and row in the view's window; ``depth`` along the view's axis, metres,
     which composes them with all else; texture coordinates ``uv`` in the city's texture, and the mipmap ``level`` at which it
-    is sampled; ``tint`` multiplies that; ``object`` of the city. ``fresh``: they were found in this frame.
+    is sampled; ``tint`` multiplies that; ``object`` of the city. The first ``fresh`` of them were found in this frame.
     """
 
     samples: NDArray[np.void]
-    fresh: bool = False
+    fresh: int = 0
 
 
 Draw = Sky | Ground | Objects | CellLayers | Relief | Moving | CastPixels

@@ -107,12 +107,12 @@ def cast_frame(
     most: int | None,
     share: float = 0.0,
     settling: int = 0,
-) -> tuple[tuple[CastPixels, ...], CastTally]:
+) -> tuple[CastPixels, CastTally]:
     """What completes a picture whose near field has ``depths`` (h, w), and what its pixels were.
 
     ``first_column`` is where the picture begins in its view. At most ``most`` rays are cast for what is off by more than
     ``limit_px`` pixels; where these suffice, more for a ``share`` of the others that are off at all, and for ``settling`` of
-    them. The first of the returned draws shows what was cast in this frame, the second what was cast before.
+    them.
     """
     height, width = depths.shape
     record_error = record_errors(panorama.distances(rays.eye), rules, rays.focal)
@@ -202,4 +202,4 @@ def cast_frame(
         unknown=len(left) - known,
         kept_px=kept,
     )
-    return (CastPixels(fresh, fresh=True), CastPixels(old)), tally
+    return CastPixels(np.concatenate([fresh, old]), len(fresh)), tally

@@ -235,7 +235,12 @@ def _each(
             if is_above(slopes, first, per_radian, turn, level, dz):
                 found.state[i, j] = SKY if is_open else COVERED
                 continue
-            texel, off = _best(dx, dy, dz, eye, texels, record_error, near_objects, turn, level, is_open)
+            column = min(int((turn + math.pi) / texels.step), texels.columns - 1)
+            row = min(int((math.atan2(dz, level) + 0.5 * math.pi) / texels.step), texels.rows - 1)
+            texel = row * texels.columns + column
+            off = _off(texels.map[texel], dx, dy, dz, eye, record_error, near_objects, is_open)
+            if off > texels.step:  # few are
+                texel, off = _best(dx, dy, dz, column, row, eye, texels, record_error, near_objects, is_open)
             if texel < 0:
                 found.state[i, j], found.texel[i, j], found.error[i, j] = CAST, -1, np.inf
                 continue
@@ -251,54 +256,72 @@ def _each(
 
 
 @kernel(nogil=True)
-def _best(
+def _off(
+    texel: np.void,
     dx: float,
     dy: float,
     dz: float,
     eye: NDArray[np.float64],
+    record_error: NDArray[np.float32],
+    near_objects: NDArray[np.bool_],
+    is_open: bool,
+) -> float:
+    """The chord from a unit direction to that in which a texel's point is seen, infinite where it must not be shown.
+
+    Points of near objects are drawn where the viewer sees them, so that an open pixel shows none of them.
+    """
+    if texel.record == 0 or record_error[texel.record] == np.inf:
+        return np.inf
+    px, py, pz = float(texel.x), float(texel.y), float(texel.z)
+    if texel.object >= 0:
+        if is_open and near_objects[texel.object]:
+            return np.inf
+        px, py, pz = px - eye[0], py - eye[1], pz - eye[2]
+    scale = 1.0 / math.sqrt(px * px + py * py + pz * pz)
+    return math.sqrt((px * scale - dx) ** 2 + (py * scale - dy) ** 2 + (pz * scale - dz) ** 2)
+
+
+@kernel(nogil=True)
+def _best(
+    dx: float,
+    dy: float,
+    dz: float,
+    column: int,
+    row: int,
+    eye: NDArray[np.float64],
     texels: Texels,
     record_error: NDArray[np.float32],
     near_objects: NDArray[np.bool_],
-    turn: float,
-    level: float,
     is_open: bool,
 ) -> tuple[int, float]:
-    """The texel whose point is seen nearest to a direction, and by what angle it is off; -1 where there is none.
+    """The texel whose point is seen nearest to a direction, and how far off it is; -1 where there is none.
 
-    ``turn`` is the direction's azimuth, ``level`` its part along the ground. Points of near objects are drawn where the viewer
-    sees them, so that an open pixel shows none of them.
+    It is looked for at ``column`` and ``row``, where the direction goes to, around there, and where what is found would be.
     """
     columns, rows, step = texels.columns, texels.rows, texels.step
     best, least = -1, np.inf
-    column = min(int((turn + math.pi) / step), columns - 1)
-    row = min(int((math.atan2(dz, level) + 0.5 * math.pi) / step), rows - 1)
     tx, ty, tz = dx, dy, dz
     for correction in range(_CORRECTIONS + 1):
         met = -1
-        mx, my, mz = 0.0, 0.0, 0.0
-        for k in range(9):  # the texel itself, then those around it
+        for k in range(10):  # the texel itself, then those around it
             if k > 0 and met >= 0 and least <= step:
                 break
-            c, r = column + (0, -1, 1, 0, 0, -1, 1, -1, 1)[k], row + (0, 0, 0, -1, 1, -1, -1, 1, 1)[k]
+            c, r = column, row
+            if k > 0:
+                c, r = column + (k - 1) % 3 - 1, row + (k - 1) // 3 - 1
             if r < 0 or r >= rows:
                 continue
             place = r * columns + c % columns
-            texel = texels.map[place]
-            if texel.record == 0 or record_error[texel.record] == np.inf:
-                continue
-            px, py, pz = float(texel.x), float(texel.y), float(texel.z)
-            if texel.object >= 0:
-                if is_open and near_objects[texel.object]:
-                    continue
-                px, py, pz = px - eye[0], py - eye[1], pz - eye[2]
-            scale = 1.0 / math.sqrt(px * px + py * py + pz * pz)
-            px, py, pz = px * scale, py * scale, pz * scale
-            off = math.sqrt((px - dx) ** 2 + (py - dy) ** 2 + (pz - dz) ** 2)
+            off = _off(texels.map[place], dx, dy, dz, eye, record_error, near_objects, is_open)
             if off < least:
                 best, least, met = place, off, place
-                mx, my, mz = px, py, pz
-        if met < 0 or least <= step or correction == _CORRECTIONS or texels.map[met].object < 0:
+        if met < 0 or least <= step or correction == _CORRECTIONS:
             break
-        tx, ty, tz = tx + dx - mx, ty + dy - my, tz + dz - mz
+        texel = texels.map[met]
+        if texel.object < 0:
+            break
+        px, py, pz = texel.x - eye[0], texel.y - eye[1], texel.z - eye[2]
+        size = math.sqrt(px * px + py * py + pz * pz)
+        tx, ty, tz = tx + dx - px / size, ty + dy - py / size, tz + dz - pz / size
         column, row = texel_of(tx, ty, tz, columns, rows, step)
     return best, least

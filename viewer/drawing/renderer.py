@@ -322,7 +322,7 @@ class Renderer:
             start = time.perf_counter()
             more = finish(depths, self._targets.first_column)
             finishing = time.perf_counter() - start
-            fresh = sum(len(draw.samples) for draw in more if isinstance(draw, CastPixels) and draw.fresh)
+            fresh = sum(draw.fresh for draw in more if isinstance(draw, CastPixels))
             counts += [count for draw in more for count in self._paint_one(draw, view, measured, style, requests)]
         if style.wireframe:
             with self._line.over(self._targets, measured=measured):
@@ -352,8 +352,13 @@ class Renderer:
             case Moving():
                 return self._moving.draw(draw, view, measured=measured)
             case CastPixels():
-                ink = None if not style.tint else CAPTURED if draw.fresh else REUSED
-                return self._cast.draw(draw, view.window[2:], measured=measured, ink=ink)
+                size, some = view.window[2:], draw.samples
+                if not style.tint:
+                    return self._cast.draw(some, size, measured=measured)
+                inked = ((some[: draw.fresh], CAPTURED), (some[draw.fresh :], REUSED))
+                return [
+                    count for part, ink in inked for count in self._cast.draw(part, size, measured=measured, ink=ink)
+                ]
             case _:
                 assert_never(draw)
 

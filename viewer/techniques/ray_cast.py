@@ -85,7 +85,7 @@ class RayCasting:
 
         def finish(depths: NDArray[np.float32], first_column: int) -> tuple[Draw, ...]:
             start = time.perf_counter()
-            draws, tally = cast_frame(
+            shown, tally = cast_frame(
                 depths,
                 first_column,
                 rays_of(view, first_column),
@@ -103,7 +103,7 @@ class RayCasting:
                 took = (time.perf_counter() - start) / tally.rays
                 self._ray_seconds += _LEARNING * (min(took, 1e-3) - self._ray_seconds)
             self.latest, self.tally = tally, self.tally.plus(tally)
-            return draws
+            return (shown,)
 
         return Plan((_in_view(near, self._scene, view), self._scene.ground_in(view), Sky()), finish=finish)
 

@@ -1,7 +1,10 @@
 """Single pixels whose surfaces a technique has found itself: what the renderer adds is their colour, from the city's texture.
 
-A pixel is a point of that size. Where the pixel's middle sees the surface at the same place, it has the colour that geometry
-drawn there has: the same texture, filtered at the same level, times the same tint; and the same depth.
+Where the pixel's middle sees the surface at the same place, it has the colour that geometry drawn there has: the same texture,
+filtered at the same level, times the same tint; and the same depth.
+
+Pixels come in flocks. They are sorted into tiles of the picture, each of them a square that reads what its pixels show from two
+textures, because a point for each pixel takes several times as long.
 """
 
 from __future__ import annotations
@@ -10,93 +13,141 @@ from typing import Any
 
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
+from mmi.foundation.kernels import kernel
 from viewer.drawing.kinds.lines import ink_bytes
 from viewer.drawing.programs import Program, Programs
 from viewer.drawing.style import Ink
-from viewer.plan import CAST_PIXEL, CastPixels
 
 __all__ = ["CastPixelsDrawer"]
 
+_TILE = 16
+"""Pixels of a side of a tile."""
+_ACROSS = 16
+"""Tiles in a row of the textures, whose pixels stand one after the other."""
 _VERTEX = """
-in uvec2 pixel; in float along; in vec2 uv; in float level; in vec4 color; in int object;
+in uvec2 tile;
 uniform vec2 size;
-flat out vec2 at; flat out float lod; flat out vec3 tint; flat out int which; flat out float depth;
+flat out ivec2 first; flat out int slot;
 void main() {
-    at = uv; lod = level; tint = color.rgb; which = object; depth = along;
-    vec4 clipped = project(vec3(0.0, 0.0, -along));
-    vec2 middle = 2.0 * (vec2(pixel) + 0.5) / size - 1.0;
-    gl_Position = vec4(middle.x * along, -sign(projection.y) * middle.y * along, clipped.z, along);
+    first = ivec2(tile) * TILE; slot = gl_InstanceID;
+    vec2 corner = min(vec2(first) + TILE * vec2(gl_VertexID & 1, gl_VertexID >> 1), size) / size * 2.0 - 1.0;
+    gl_Position = vec4(corner.x, -sign(projection.y) * corner.y, 0.0, 1.0);
 }
 """
 _FRAGMENT = """
 uniform sampler2D picture;
+uniform sampler2D depths;  // texture coordinates, level, depth; no depth where the pixel is none of them
+uniform isampler2D ids;    // object, tint
+uniform vec2 size;
 #ifdef TINTED
 uniform vec4 ink;
 #endif
-flat in vec2 at; flat in float lod; flat in vec3 tint; flat in int which; flat in float depth;
+flat in ivec2 first; flat in int slot;
 void main() {
-    color_out = vec4(textureLod(picture, at, lod).rgb * tint, 1.0);
+    float row = projection.y > 0.0 ? size.y - gl_FragCoord.y : gl_FragCoord.y;
+    ivec2 place = ivec2(gl_FragCoord.x, row) - first;
+    ivec2 texel = ivec2((slot % ACROSS) * TILE * TILE + place.y * TILE + place.x, slot / ACROSS);
+    vec4 known = texelFetch(depths, texel, 0);
+    if (known.w <= 0.0) discard;
+    ivec2 other = texelFetch(ids, texel, 0).rg;
+    vec3 tint = vec3(other.g & 255, (other.g >> 8) & 255, (other.g >> 16) & 255) / 255.0;
+    color_out = vec4(textureLod(picture, known.xy, known.z).rgb * tint, 1.0);
+    gl_FragDepth = (clip.y - clip.y * clip.x / known.w) / (clip.y - clip.x);
 #ifdef TINTED
     color_out.rgb = tinted(color_out.rgb, ink);
 #endif
 #ifdef MEASURED
-    id_out = which; surface_out = vec2(depth, -1.0);
+    id_out = other.r; surface_out = vec2(known.w, -1.0);
 #endif
 }
 """
-_LAYOUT = ("2u2 1f 2f 1f 4f1 1i", "pixel", "along", "uv", "level", "color")
-_UNMEASURED = ("2u2 1f 2f 1f 4f1 x4", *_LAYOUT[1:])
-_ROOM = 1 << 14
-"""Pixels for which there is room at first."""
+_NUMBERS = f"\nconst int TILE = {_TILE}, ACROSS = {_ACROSS};\n"
 
 
 class CastPixelsDrawer:
     """Draws :class:`viewer.plan.CastPixels` with ``texture``, the city's."""
 
     def __init__(self, programs: Programs, texture: Any) -> None:  # noqa: ANN401
-        self._context, self._texture = programs.context, texture
-        self._make = programs.make
-        self._programs = {False: programs.make(_VERTEX, _FRAGMENT)}
-        self._room = 0
-        self._samples: Any = None
+        self._context, self._texture, self._make = programs.context, texture, programs.make
+        self._programs = {False: programs.make(_NUMBERS + _VERTEX, _NUMBERS + _FRAGMENT)}
+        self._rows = 0
+        self._textures: tuple[Any, Any] = (None, None)
+        self._tiles: Any = None
         self._arrays: dict[tuple[bool, bool], Any] = {}
 
-    def draw(self, draw: CastPixels, size: tuple[int, int], *, measured: bool, ink: Ink | None = None) -> list[int]:
-        """Draw all pixels of a picture of ``size`` with one call, tinted with ``ink`` if there is one; it has no triangles."""
-        count = len(draw.samples)
-        if not count:
+    def draw(
+        self, samples: NDArray[np.void], size: tuple[int, int], *, measured: bool, ink: Ink | None = None
+    ) -> list[int]:
+        """Draw pixels (n,) of a picture of ``size`` in a call, tinted with ``ink`` if there is one: two triangles a tile."""
+        if not len(samples):
             return []
-        self._make_room(count)
-        self._samples.orphan()
-        self._samples.write(np.ascontiguousarray(draw.samples, dtype=CAST_PIXEL).view(np.uint8))
+        pixel = samples["pixel"]
+        columns = -(-size[0] // _TILE)
+        tile = (pixel[:, 1] // _TILE).astype(np.int32) * columns + pixel[:, 0] // _TILE
+        slots = np.full(columns * -(-size[1] // _TILE), -1, dtype=np.int32)
+        used = np.flatnonzero(np.bincount(tile, minlength=len(slots)))
+        slots[used] = np.arange(len(used), dtype=np.int32)
+        rows = -(-len(used) // _ACROSS)
+        casts = np.zeros((rows * _ACROSS * _TILE * _TILE, 4), dtype=np.float32)
+        others = np.empty((len(casts), 2), dtype=np.int32)
+        _sort(pixel, samples, samples["uv"], samples["tint"], slots[tile], casts, others)
+        self._make_room(rows)
+        for unit, (texture, values) in enumerate(zip(self._textures, (casts, others), strict=True), 1):
+            texture.write(values, viewport=(0, 0, _ACROSS * _TILE * _TILE, rows))
+            texture.use(unit)
+        self._tiles.write(np.column_stack([used % columns, used // columns]).astype("<u2"))
         told = {"size": np.array(size, dtype="<f4").tobytes()}
         if ink is not None:
             told["ink"] = ink_bytes(ink)
         self._program(ink is not None, measured).set(told)
         self._texture.use(0)
-        self._array(ink is not None, measured).render(moderngl.POINTS, vertices=count)
-        return [0]
+        self._array(ink is not None, measured).render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(used))
+        return [2 * len(used)]
 
     def _program(self, tinted: bool, measured: bool) -> Program:
         if tinted not in self._programs:
-            self._programs[tinted] = self._make(_VERTEX, _FRAGMENT, flags=("TINTED",))
+            self._programs[tinted] = self._make(_NUMBERS + _VERTEX, _NUMBERS + _FRAGMENT, flags=("TINTED",))
         return self._programs[tinted][measured]
 
     def _array(self, tinted: bool, measured: bool) -> Any:  # noqa: ANN401
         if (tinted, measured) not in self._arrays:
-            layout = (*_LAYOUT, "object") if measured else _UNMEASURED
             program = self._program(tinted, measured).program
-            self._arrays[tinted, measured] = self._context.vertex_array(program, [(self._samples, *layout)])
+            self._arrays[tinted, measured] = self._context.vertex_array(program, [(self._tiles, "2u2/i", "tile")])
         return self._arrays[tinted, measured]
 
-    def _make_room(self, count: int) -> None:
-        """Have room for so many pixels."""
-        if self._room >= count:
+    def _make_room(self, rows: int) -> None:
+        """Have room for so many rows of tiles."""
+        if self._rows >= rows:
             return
-        if self._samples is not None:
-            for thing in (*self._arrays.values(), self._samples):
+        if self._rows:
+            for thing in (*self._arrays.values(), *self._textures, self._tiles):
                 thing.release()
         self._arrays.clear()
-        self._room = max(_ROOM, 1 << (count - 1).bit_length())
-        self._samples = self._context.buffer(reserve=self._room * CAST_PIXEL.itemsize, dynamic=True)
+        self._rows = 1 << max(rows - 1, 15).bit_length()
+        size = (_ACROSS * _TILE * _TILE, self._rows)
+        self._textures = self._context.texture(size, 4, dtype="f4"), self._context.texture(size, 2, dtype="i4")
+        for texture in self._textures:
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self._tiles = self._context.buffer(reserve=4 * self._rows * _ACROSS, dynamic=True)
+
+
+@kernel(nogil=True)
+def _sort(
+    pixel: NDArray[np.uint16],
+    samples: NDArray[np.void],
+    uv: NDArray[np.float32],
+    tint: NDArray[np.uint8],
+    slots: NDArray[np.int32],
+    casts: NDArray[np.float32],
+    others: NDArray[np.int32],
+) -> None:
+    """Put each sample into its tile's place of both textures; ``slots`` (n,) are those of their tiles."""
+    for k in range(len(slots)):
+        x, y = pixel[k, 0] % _TILE, pixel[k, 1] % _TILE
+        place = slots[k] * _TILE * _TILE + y * _TILE + x
+        casts[place, 0], casts[place, 1] = uv[k, 0], uv[k, 1]
+        casts[place, 2], casts[place, 3] = samples[k].level, samples[k].depth
+        others[place, 0] = samples[k].object
+        others[place, 1] = tint[k, 0] | (tint[k, 1] << 8) | (tint[k, 2] << 16)
