@@ -15,13 +15,19 @@ from numpy.typing import NDArray
 
 from mmi.rays.horizon_map import Horizon
 from viewer.casting.far_field import FarField
-from viewer.casting.open_pixels import CAST, REUSED, SKY, TILE, Found, Rays, classify
+from viewer.casting.open_pixels import CAST, REUSED, SKY, TILE, Rays, classify
 from viewer.casting.panorama import Panorama, store
 from viewer.casting.rules import CastRules
 from viewer.casting.surfaces import cast_pixels, shown_again
 from viewer.plan import CAST_PIXEL, CastPixels
 
 __all__ = ["CastTally", "cast_frame", "directions_of", "record_errors", "worst_first"]
+
+
+_STEEPEST = 0.999
+"""Of the near field: from farther away, all that is far may be anywhere."""
+_LATEST = 0.1
+"""The tangent of the angle by which something may be off that is shown for want of rays."""
 
 
 class CastTally(NamedTuple):
@@ -59,17 +65,21 @@ class CastTally(NamedTuple):
         )
 
 
-def record_errors(distances: NDArray[np.float32], rules: CastRules, focal: float) -> NDArray[np.float32]:
+def record_errors(
+    distances: NDArray[np.float32], rules: CastRules, *, focal: float, limit_px: float
+) -> NDArray[np.float32]:
     """(records,) by how many pixels far surfaces may be off that were cast from these ``distances``, metres.
 
-    What is at least R away is seen from d beside at an angle of at most asin(d / R) to where it was. With ``reuse`` "hits" no
-    record has a bound, and 0 says that each texel's own error counts. Infinite where nothing must be shown.
+    What is at least R away is seen from d beside at an angle of at most asin(d / R) to where it was. Infinite for what must not
+    be shown, even where there are no rays for it: what nobody has cast, and unless each texel's own error counts (``reuse``
+    "hits"), what was cast from a tenth of R away, if the limit does not allow as much.
     """
-    if rules.reuse == "hits":
-        return np.where(np.isfinite(distances), np.float32(0.0), np.float32(np.inf))
-    share = np.minimum(distances / np.float32(rules.near_field), np.float32(1.0))
+    share = np.minimum(distances / np.float32(rules.near_field), np.float32(_STEEPEST))
     found: NDArray[np.float32] = np.float32(focal) * np.tan(np.arcsin(share))
-    found[share >= 1.0] = np.inf
+    lost = ~np.isfinite(distances)
+    if rules.reuse == "bound":
+        lost |= found > max(limit_px, focal * _LATEST)
+    found[lost] = np.inf
     return found
 
 
@@ -115,10 +125,8 @@ def cast_frame(
     them.
     """
     height, width = depths.shape
-    record_error = record_errors(panorama.distances(rays.eye), rules, rays.focal)
-    found = Found(
-        np.empty((height, width), np.uint8), np.empty((height, width), np.int32), np.empty((height, width), np.float32)
-    )
+    record_error = record_errors(panorama.distances(rays.eye), rules, focal=rays.focal, limit_px=limit_px)
+    found = panorama.room(height, width)
 
     def some(rows: tuple[int, int]) -> None:
         classify(

@@ -13,7 +13,7 @@ pixel's own direction. So what is shown again is reprojected, and stretched surf
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +21,14 @@ from numpy.typing import NDArray
 from mmi.foundation.camera import View
 from mmi.foundation.kernels import kernel
 from mmi.rays.horizon_map import is_above
-from viewer.casting.panorama import Texels, texel_of
+from viewer.casting.panorama import Found, Texels, texel_of
 
-__all__ = ["CAST", "COVERED", "REUSED", "SKY", "TILE", "Found", "Rays", "classify", "rays_of"]
+__all__ = ["CAST", "COVERED", "REUSED", "SKY", "TILE", "Rays", "classify", "rays_of"]
 
 COVERED, SKY, REUSED, CAST = 0, 1, 2, 3
 _CORRECTIONS = 2
+_EXACT_PX = 0.05
+"""Pixels within which a texel is the pixel's own."""
 TILE = 16
 """Pixels of a side of the tiles that are looked at as a whole first."""
 _WIDEST = 1.0
@@ -46,16 +48,6 @@ class Rays(NamedTuple):
     focal: float
     left: float
     top: float
-
-
-class Found(NamedTuple):
-    """Of each pixel (h, w): its ``state``; and where that is ``REUSED`` or ``CAST``, the ``texel`` that shows it best (-1: none
-    does), and the ``error`` in pixels that showing it may make, infinite where there is none.
-    """
-
-    state: NDArray[np.uint8]
-    texel: NDArray[np.int32]
-    error: NDArray[np.float32]
 
 
 def rays_of(view: View, first_column: int = 0) -> Rays:
@@ -86,7 +78,7 @@ def classify(
     ``depths`` (h, w) are those of what was drawn, infinite for sky; far is what is ``near`` metres away or more. The horizon
     of the far is ``slopes`` as :func:`mmi.rays.horizon_map.is_above` has them. ``record_error`` (records,) says by how many
     pixels what was cast for each record may be off at most, infinite where it must not be shown; with ``own_errors`` it is each
-    texel's own point that counts. ``near_objects`` says which of the city's objects are drawn.
+    texel's own point that counts, where it has one. ``near_objects`` says which of the city's objects are drawn.
     """
     for top in range(rows[0], rows[1], TILE):
         bottom = min(top + TILE, rows[1])
@@ -245,19 +237,22 @@ def _each(
                 found.state[i, j], found.texel[i, j], found.error[i, j] = CAST, -1, np.inf
                 continue
             off *= focal
-            error = off if own_errors else record_error[texels.map[texel].record]
-            if error > (max(limit, _ROUNDING_PX) if own_errors else limit) or off > error + _ROUNDING_PX:
+            own = own_errors and texels.map[texel].object >= 0
+            error = off if own else record_error[texels.map[texel].record]
+            if error > (max(limit, _ROUNDING_PX) if own else limit) or off > error + _ROUNDING_PX:
                 found.state[i, j] = CAST
-                if not own_errors and off > error + _ROUNDING_PX:
+                if not own and off > error + _ROUNDING_PX:
                     texel, error = -1, np.inf  # it is some other pixel's
-                found.texel[i, j], found.error[i, j] = texel, error
             else:
-                found.state[i, j], found.texel[i, j], found.error[i, j] = REUSED, texel, error
+                found.state[i, j] = REUSED
+                if off > _EXACT_PX:
+                    error = max(error, off)
+            found.texel[i, j], found.error[i, j] = texel, error
 
 
 @kernel(nogil=True)
 def _off(
-    texel: np.void,
+    texel: Any,  # noqa: ANN401  a record of the map, as Numba has it
     dx: float,
     dy: float,
     dz: float,

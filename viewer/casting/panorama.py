@@ -1,8 +1,8 @@
 """What a viewer has cast so far: a map of all directions, and from where each of them was cast (paper section 5).
 
 The paper's map is a cylinder. This one goes up to the zenith and down: a row is a height above the horizon, a column an
-azimuth, and both are as far apart as the smallest pixels of the display, those at its left and right border, so that no two
-pixels of a level view need the same texel. Memory that no direction has needed is not taken.
+azimuth, and both are as far apart as the smallest pixels of the display, those in its corners, so that no two pixels of a level
+view need the same texel. Memory that no direction has needed is not taken.
 
 A texel keeps what its ray has hit, not a colour: the point, and where in the city's texture it is. So it is known how wrong it
 is when it is shown from elsewhere, and the renderer gives it the colour that it gives to geometry. A *record* is a place that
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from mmi.foundation.camera import View
 from mmi.foundation.kernels import kernel
 
-__all__ = ["PIXEL_LEVELS", "Panorama", "Texels", "smallest_pixel", "store", "texel_of"]
+__all__ = ["PIXEL_LEVELS", "Found", "Panorama", "Texels", "smallest_pixel", "store", "texel_of"]
 
 _APART = 1e-6
 """Metres below which two places are one: who turns on the spot stays where it is, to rounding."""
@@ -65,11 +65,21 @@ class Texels(NamedTuple):
     map: NDArray[np.void]
 
 
+class Found(NamedTuple):
+    """Of each pixel (h, w): its ``state``; and where that is ``REUSED`` or ``CAST``, the ``texel`` that shows it best (-1: none
+    does), and the ``error`` in pixels that showing it may make, infinite where there is none.
+    """
+
+    state: NDArray[np.uint8]
+    texel: NDArray[np.int32]
+    error: NDArray[np.float32]
+
+
 def smallest_pixel(view: View) -> float:
-    """Radians of the smallest pixel of a view, one in its farther border column, along the azimuth if the view is level."""
-    left, _, width, _ = view.window
-    aside = max(abs(left), abs(left + width)) / view.focal
-    return 1.0 / ((1.0 + aside * aside) * view.focal)
+    """Radians of a side of the smallest pixel of a view, that in its farthest corner."""
+    left, top, width, height = view.window
+    aside, above = max(abs(left), abs(left + width)) / view.focal, max(abs(top), abs(top + height)) / view.focal
+    return 1.0 / ((1.0 + aside * aside + above * above) * view.focal)
 
 
 class Panorama:
@@ -81,8 +91,17 @@ class Panorama:
         rows = math.ceil(math.pi / step) + 1
         # Zeros are not in memory before they are written.
         self.texels = Texels(columns, rows, step, np.zeros(columns * rows, dtype=TEXEL))
+        self._found: Found | None = None
         self._eyes = np.zeros((0, 3))
         self._dropped = 0
+
+    def room(self, height: int, width: int) -> Found:
+        """Room for what is found of a picture's pixels, the same for pictures of one size: new memory takes time."""
+        found = self._found
+        if found is None or found.state.shape != (height, width):
+            kinds = (np.uint8, np.int32, np.float32)
+            self._found = found = Found(*(np.empty((height, width), dtype=kind) for kind in kinds))
+        return found
 
     def distances(self, eye: NDArray[np.float64]) -> NDArray[np.float32]:
         """(records,) metres from ``eye`` (3,) to where each was cast; infinite for record 0 and those that are too old."""

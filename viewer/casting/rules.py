@@ -29,7 +29,7 @@ class CastRules:
 
     ``rays`` are cast in a frame at most, None: as many as the limit asks for; then the worst go first, and the report says what
     error was kept. While the viewer walks, so much is cast again in each frame, the worst first, that nothing becomes too wrong
-    all at once; while it stands still, up to ``settling`` rays a frame for what was cast from elsewhere.
+    all at once; while it stands still, up to ``settling`` rays a frame for what is not exact.
     ``caster`` finds what a ray hits: Embree, or a regular grid (paper section 4.2).
     """
 

@@ -60,6 +60,7 @@ class RayCasting:
         scene.workshop.once(("compiled", self._rules.caster), self._compile)
         self._ray_seconds = _FIRST_RAY
         self._last: NDArray[np.float64] | None = None
+        self._told: tuple[object, ...] = ()
         self.tally = CastTally()
         """What pixels were so far."""
         self.latest = CastTally()
@@ -74,7 +75,8 @@ class RayCasting:
         limit = limit_px(self._scene, self._rules)
         moved = math.inf if self._last is None else float(np.linalg.norm(eye - self._last))
         self._last = eye
-        standing = moved <= _STANDING
+        told = (view.eye_from_world.tobytes(), view.focal, view.window)
+        still, self._told = told == self._told, told
         pixel = smallest_pixel(view)
         if not 1.0 / _OTHER < pixel / self._pixel < _OTHER:  # another display
             self._pixel, self._panorama = pixel, Panorama(pixel)
@@ -96,8 +98,8 @@ class RayCasting:
                 self._rules,
                 limit_px=limit,
                 most=most,
-                share=0.0 if standing else self._share(moved, limit / view.focal),
-                settling=self._rules.settling if standing else 0,
+                share=0.0 if moved <= _STANDING else self._share(moved, limit / view.focal),
+                settling=self._rules.settling if still else 0,
             )
             if tally.rays:
                 took = (time.perf_counter() - start) / tally.rays

@@ -31,9 +31,9 @@ def test_the_worst_go_first_and_of_equal_ones_every_nth(errors, data):
 @given(st.floats(0.0, 99.0), st.floats(-3.2, 3.2), st.floats(100.0, 1e5))
 def test_no_far_point_is_off_by_more_than_its_record_says(moved, turn, away):
     """Whatever is a near field away from here, seen from where it was cast."""
-    rules = CastRules(near_field=100.0)
+    rules = CastRules(near_field=100.0, reuse="hits")
     focal = 443.0
-    error = float(record_errors(np.array([moved], dtype=np.float32), rules, focal)[0])
+    error = float(record_errors(np.array([moved], dtype=np.float32), rules, focal=focal, limit_px=5.0)[0])
     point = np.array([away, 0.0])
     cast_from = moved * np.array([math.cos(turn), math.sin(turn)])
     there = point - cast_from
@@ -41,13 +41,17 @@ def test_no_far_point_is_off_by_more_than_its_record_says(moved, turn, away):
     assert focal * math.tan(min(off, 1.5)) <= error * (1.0 + 1e-5) + 1e-3
 
 
-def test_records_that_are_a_near_field_away_or_unknown_must_not_be_shown():
-    errors = record_errors(np.array([np.inf, 0.0, 99.9, 100.0, 250.0], dtype=np.float32), CastRules(), 443.0)
+def test_records_that_are_far_off_or_unknown_must_not_be_shown():
+    away = np.array([np.inf, 0.0, 9.0, 11.0, 30.0, 250.0], dtype=np.float32)
+    errors = record_errors(away, CastRules(), focal=443.0, limit_px=5.0)
     assert errors[1] == 0.0
-    assert np.isfinite(errors[2])
-    assert np.isinf(errors[[0, 3, 4]]).all()
-    own = record_errors(np.array([np.inf, 0.0, 250.0], dtype=np.float32), CastRules(reuse="hits"), 443.0)
-    assert own.tolist() == [np.inf, 0.0, 0.0]
+    assert 5.0 < errors[2] < 45.0
+    assert np.isinf(errors[[0, 3, 4, 5]]).all()
+    errors = record_errors(away, CastRules(), focal=443.0, limit_px=300.0)
+    assert np.isfinite(errors[1:5]).all(), "a limit that allows more is kept to"
+    own = record_errors(away, CastRules(reuse="hits"), focal=443.0, limit_px=5.0)
+    assert np.isinf(own[0])
+    assert np.isfinite(own[1:]).all(), "own errors count, and misses have the bound"
 
 
 def test_tallies_add_up():

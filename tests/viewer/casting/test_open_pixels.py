@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from mmi.foundation.camera import Camera, View, view_towards
 from mmi.rays.horizon_map import is_above
-from viewer.casting.open_pixels import CAST, COVERED, REUSED, SKY, Found, classify, rays_of
-from viewer.casting.panorama import Panorama, smallest_pixel, store
+from viewer.casting.open_pixels import CAST, COVERED, REUSED, SKY, classify, rays_of
+from viewer.casting.panorama import Found, Panorama, smallest_pixel, store
 
 CAMERA = Camera(80, 60, math.radians(70.0))
 VIEW = View(np.eye(4), CAMERA.focal, CAMERA.window)
