@@ -143,8 +143,8 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         type=float,
         default=math.inf,
         metavar="MS",
-        help="milliseconds of each frame that captures at run time may take at most; 0 forbids them (default: what is left of "
-        "the frame)",
+        help="milliseconds of each frame that captures at run time, and rays, may take at most; 0 forbids them (default: "
+        "what is left of the frame)",
     )
     frames.add_argument(
         "--glint",

@@ -125,7 +125,7 @@ def compare_views(
                 costs[entry.name] = found.costs
                 tallies[entry.name] += tallies_of(technique)
                 casts[entry.name] += casts_of(technique)
-                settled[entry.name].append(settled_frames(technique, view, found))
+                settled[entry.name].append(settled_frames(technique, renderer, cache, view, found))
     compared = [entry for entry in options.entries if entry.name != REFERENCE]
     with (
         Renderer(main.mesh, main.ground, size=size, measured=True, movers=main.movers, glint=options.glint) as renderer,

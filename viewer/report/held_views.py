@@ -5,7 +5,8 @@
     alike_after   after how many of them the picture is like the geometry's
 
 Nothing is known of a viewer who was put into a view, so each view wants a fresh technique. What comes to the picture while the
-viewer stands is what requests capture: a technique that plans none shows the same in every frame.
+viewer stands is what requests capture and what plans find when they finish. A technique that has neither shows the same in
+every frame.
 """
 
 from __future__ import annotations
@@ -148,15 +149,25 @@ def alike_after(
     return last, after
 
 
-def settled_frames(technique: Technique, view: View, held: HeldView) -> int | None:
+def settled_frames(
+    technique: Technique, renderer: Renderer, cache: CellCache, view: View, held: HeldView
+) -> int | None:
     """After how many frames ``held`` had settled (:func:`settled_after`), by the technique that planned it.
 
     It is asked for one more plan, for a frame that has time for everything; but where updates were forbidden they still are.
+    What finishing finds in a frame counts like a request: where this one still finds something, the view has not settled.
     """
     last = held.frames[-1]
     more = math.inf if last.budget.updates > 0.0 else 0.0
     budget = replace(last.budget, frame=_PATIENT, updates=more, costs=held.costs, done=last.done)
-    return settled_after(held.plans, technique.plan(view, now=last.time + last.budget.frame, budget=budget))
+    patient = technique.plan(view, now=last.time + last.budget.frame, budget=budget)
+    after = settled_after(held.plans, patient)
+    if after is None or patient.finish is None:
+        return after
+    _load(cache, patient)
+    if last.done.fresh or renderer.draw(replace(patient, drops=()), view, read=False).done.fresh:
+        return None
+    return max([after, *(number + 1 for number, frame in enumerate(held.frames) if frame.done.fresh)])
 
 
 def settled_after(plans: Sequence[Plan], patient: Plan) -> int | None:

@@ -11,6 +11,7 @@ import pytest
 
 import viewer
 from mmi.walks.walk import Pose
+from viewer.casting.rules import CastRules
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.renderer import Renderer
 from viewer.plan import (
@@ -31,6 +32,7 @@ from viewer.report.compare import CompareOptions, compare_views
 from viewer.report.held_views import alike_after, held_again, hold_view, layers_shown, settled_after, settled_frames
 from viewer.scene.follower import Follower
 from viewer.techniques.catalogue import make_technique
+from viewer.techniques.ray_cast import RayCasting
 
 SCHEMA = json.loads((Path(viewer.__file__).parent / "report" / "schemas" / "report.json").read_text())
 IMAGE = ImageKey("gradual", "all")
@@ -171,7 +173,7 @@ def test_what_is_scored_was_planned_with_the_budgets_that_were_timed(scene, rend
     costs = Costs(frame=0.001)
     held = hold_view(timed, renderer, cache, view, frames=6, frames_per_second=20.0, updates=0.004, costs=costs)
     budgets = list(timed.budgets)
-    assert settled_frames(timed, view, held) == PARTS + 1
+    assert settled_frames(timed, renderer, cache, view, held) == PARTS + 1
     patient = timed.budgets[-1]
     assert [(one.frame, one.updates) for one in budgets] == 6 * [(0.05, 0.004)]
     assert patient.frame > 60.0 and patient.updates == math.inf and patient.done == held.frames[-1].done
@@ -247,7 +249,16 @@ def test_who_has_no_time_to_capture_has_not_settled(scene, renderer, cache):
     for updates, after in ((math.inf, None), (0.005, None), (0.0, 0)):
         technique = Starved(scene)
         held = hold_view(technique, renderer, cache, view, frames=4, updates=updates)
-        assert settled_frames(technique, view, held) == after
+        assert settled_frames(technique, renderer, cache, view, held) == after
+
+
+@pytest.mark.parametrize(("rays", "after"), [(None, 1), (50, None), (0, 0)])
+def test_who_still_has_rays_to_cast_has_not_settled(scene, renderer, cache, rays, after):
+    view = FAR.view(scene.camera)
+    technique = RayCasting(scene, CastRules(near_field=20.0, rays=rays))
+    held = hold_view(technique, renderer, cache, view, frames=3)
+    assert held.frames[0].done.fresh > 1 or rays is not None
+    assert settled_frames(technique, renderer, cache, view, held) == after
 
 
 def test_layers_are_counted_by_sector_and_pieces_are_no_layers(scene):
