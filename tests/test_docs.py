@@ -58,7 +58,11 @@ def options_of(program):
 
 @cache
 def options_of_benchmark(path):
-    return set(re.findall(r'"(--[a-z][a-z0-9-]*)"', (ROOT / path).read_text(encoding="utf-8")))
+    """Those in its own text, and in that of the modules beside it that it uses."""
+    text = (ROOT / path).read_text(encoding="utf-8")
+    beside = [ROOT / "benchmarks" / f"{name}.py" for name in re.findall(r"^from (\w+) import", text, re.MULTILINE)]
+    texts = [text, *(one.read_text(encoding="utf-8") for one in beside if one.exists())]
+    return set(re.findall(r'"(--[a-z][a-z0-9-]*)"', "\n".join(texts)))
 
 
 def commands_of(text):

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from mmi.foundation.camera import View
 from mmi.foundation.kernels import kernel
 
-__all__ = ["PIXEL_LEVELS", "Found", "Panorama", "Texels", "smallest_pixel", "store", "texel_of"]
+__all__ = ["PIXEL_LEVELS", "TEXEL", "Found", "Panorama", "Texels", "smallest_pixel", "store", "texel_of"]
 
 _APART = 1e-6
 """Metres below which two places are one: who turns on the spot stays where it is, to rounding."""
