@@ -62,10 +62,9 @@ def settle(
     see: SeeThrough,
     i: int,
     ray: Ray,
-    d: NDArray[np.float64],
     pixel_angle: float,
 ) -> int:
-    """What a ray along ``d`` (3,) that meets triangle ``i`` first is said to hit: the first drawn of that and what coincides
+    """What a ray that meets triangle ``i`` first is said to hit: the first drawn of that and what coincides
     with it, which the ray meets and where it is not clear; -1 if there is none.
     """
     undecided = True
@@ -73,11 +72,11 @@ def settle(
         other = coincident.others[k]
         if undecided and other > i:
             undecided = False
-            if not is_open(see, corners, i, ray, d, pixel_angle):
+            if not is_open(see, corners, i, ray, pixel_angle):
                 return i
-        if not math.isnan(meeting(corners, other, ray)) and not is_open(see, corners, other, ray, d, pixel_angle):
+        if not math.isnan(meeting(corners, other, ray)) and not is_open(see, corners, other, ray, pixel_angle):
             return int(other)
-    return i if undecided and not is_open(see, corners, i, ray, d, pixel_angle) else -1
+    return i if undecided and not is_open(see, corners, i, ray, pixel_angle) else -1
 
 
 @kernel(nogil=True, error_model="numpy")

@@ -119,9 +119,9 @@ def _moved(
     along = np.empty((len(rays), 3), dtype=np.float32)
     for k in range(len(rays)):
         r = rays[k]
-        o = origins[r if len(origins) > 1 else 0]
+        s = r if len(origins) > 1 else 0
         for n in range(3):
-            moved[k, n] = o[n] + begins[r] * directions[r, n]
+            moved[k, n] = origins[s, n] + begins[r] * directions[r, n]
             along[k, n] = directions[r, n]
     return moved, along
 
@@ -153,9 +153,11 @@ def _look(
         hit, r = said[0][k], rays[k]
         if hit < 0:
             continue
-        d = directions[r]
-        ray = ray_along(origins[r if len(origins) > 1 else 0], d)
-        chosen = settle(corners, coincident, see, hit, ray, d, pixel_angle)
+        s = r if len(origins) > 1 else 0
+        ray = ray_along(
+            origins[s, 0], origins[s, 1], origins[s, 2], directions[r, 0], directions[r, 1], directions[r, 2]
+        )
+        chosen = settle(corners, coincident, see, hit, ray, pixel_angle)
         if chosen >= 0:
             t, v, w = point_met(corners, chosen, ray)
             if not math.isnan(t):

@@ -25,6 +25,7 @@ from mmi.rays.shares import Shares
 
 __all__ = ["GridCaster", "grid_caster"]
 
+_0, _1, _2, _3 = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3)
 _BESIDE = 2e-6
 """Share of the largest coordinate by which a plane may pass beside a ray: four times what float32 makes of its height."""
 
@@ -129,58 +130,63 @@ def _walk(
     size_x, size_y, size_z = grid.size
     starts, entries = grid.starts, grid.entries
     for r in range(len(directions)):
-        o, d = origins[r if len(origins) > 1 else 0], directions[r]
-        t_in, t_out = _enter(grid, 0, o[0], d[0], nearest, np.inf)
-        t_in, t_out = _enter(grid, 1, o[1], d[1], t_in, t_out)
-        t_in, t_out = _enter(grid, 2, o[2], d[2], t_in, t_out)
+        s = r if len(origins) > 1 else 0
+        ox, oy, oz = origins[s, 0], origins[s, 1], origins[s, 2]
+        dx, dy, dz = directions[r, 0], directions[r, 1], directions[r, 2]
+        t_in, t_out = _enter(grid, 0, ox, dx, nearest, np.inf)
+        t_in, t_out = _enter(grid, 1, oy, dy, t_in, t_out)
+        t_in, t_out = _enter(grid, 2, oz, dz, t_in, t_out)
         if not t_in <= t_out < np.inf:
             continue
-        x, step_x, next_x, slow_x = _begin(grid, 0, o[0], d[0], t_in)
-        y, step_y, next_y, slow_y = _begin(grid, 1, o[1], d[1], t_in)
-        z, step_z, next_z, slow_z = _begin(grid, 2, o[2], d[2], t_in)
-        ray = ray_along(o, d)
-        dx, dy, dz = np.float32(d[0]), np.float32(d[1]), np.float32(d[2])
-        best, hit = np.inf, -1
+        x, step_x, next_x, slow_x = _begin(grid, 0, ox, dx, t_in)
+        y, step_y, next_y, slow_y = _begin(grid, 1, oy, dy, t_in)
+        z, step_z, next_z, slow_z = _begin(grid, 2, oz, dz, t_in)
+        ray = ray_along(ox, oy, oz, dx, dy, dz)
+        fx, fy, fz = np.float32(dx), np.float32(dy), np.float32(dz)
+        c = (x * size_y + y) * size_z + z
+        jump_x, jump_y, jump_z = step_x * size_y * size_z, step_y * size_z, step_z
+        left_x = size_x - x if step_x > 0 else x + 1
+        left_y = size_y - y if step_y > 0 else y + 1
+        left_z = size_z - z if step_z > 0 else z + 1
+        best, hit = np.inf, np.int64(-1)
         while True:
             t_out = min(next_x, next_y, next_z)
-            c = (x * size_y + y) * size_z + z
-            first, last = starts[c], starts[c + 1]
+            first, last = starts[np.uint64(c)], starts[np.uint64(c + 1)]
             if first < last:
                 middle, half = 0.5 * (t_in + t_out), np.float32(0.5 * (t_out - t_in))
-                mx, my, mz = (
-                    np.float32(o[0] + middle * d[0]),
-                    np.float32(o[1] + middle * d[1]),
-                    np.float32(o[2] + middle * d[2]),
-                )
+                mx, my, mz = np.float32(ox + middle * dx), np.float32(oy + middle * dy), np.float32(oz + middle * dz)
                 for e in range(first, last):
-                    i = entries[e]
-                    nx, ny, nz = planes[i, 0], planes[i, 1], planes[i, 2]
-                    away = abs(nx * mx + ny * my + nz * mz + planes[i, 3])
-                    if away > abs(nx * dx + ny * dy + nz * dz) * half + np.float32(beside):
+                    i = np.uint64(entries[np.uint64(e)])
+                    nx, ny, nz, offset = planes[i, _0], planes[i, _1], planes[i, _2], planes[i, _3]
+                    away = abs(nx * mx + ny * my + nz * mz + offset)
+                    if away > abs(nx * fx + ny * fy + nz * fz) * half + np.float32(beside):
                         continue
                     t = meeting(corners, i, ray)
-                    closer = nearest <= t and (t < best or (t == best and i < hit))
-                    if closer and not is_open(see, corners, i, ray, d, pixel_angle):
-                        best, hit = t, i
+                    closer = nearest <= t and (t < best or (t == best and np.int64(i) < hit))
+                    if closer and not is_open(see, corners, i, ray, pixel_angle):
+                        best, hit = t, np.int64(i)
             if best <= t_out:
                 break
             t_in = t_out
             if next_x <= next_y and next_x <= next_z:
-                x += step_x
+                c += jump_x
                 next_x += slow_x
-                if not 0 <= x < size_x:
+                left_x -= 1
+                if left_x == 0:
                     break
             elif next_y <= next_z:
-                y += step_y
+                c += jump_y
                 next_y += slow_y
-                if not 0 <= y < size_y:
+                left_y -= 1
+                if left_y == 0:
                     break
             else:
-                z += step_z
+                c += jump_z
                 next_z += slow_z
-                if not 0 <= z < size_z:
+                left_z -= 1
+                if left_z == 0:
                     break
         if hit >= 0:
-            hit = settle(corners, coincident, see, hit, ray, d, pixel_angle)
-            best, v, w = point_met(corners, hit, ray)
-            triangle[r], distance[r], weights[r, 0], weights[r, 1] = hit, max(best, nearest), v, w
+            chosen = settle(corners, coincident, see, int(hit), ray, pixel_angle)
+            best, v, w = point_met(corners, chosen, ray)
+            triangle[r], distance[r], weights[r, 0], weights[r, 1] = chosen, max(best, nearest), v, w

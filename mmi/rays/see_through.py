@@ -53,10 +53,8 @@ def see_through_of(mesh: CityMesh) -> SeeThrough:
 
 
 @kernel(nogil=True, error_model="numpy")
-def is_open(
-    see: SeeThrough, corners: NDArray[np.float32], i: int, ray: Ray, d: NDArray[np.float64], pixel_angle: float
-) -> bool:
-    """Whether triangle ``i`` is clear where a ray along ``d`` (3,) meets it, for pixels of ``pixel_angle`` radians."""
+def is_open(see: SeeThrough, corners: NDArray[np.float32], i: int | np.uint64, ray: Ray, pixel_angle: float) -> bool:
+    """Whether triangle ``i`` is clear where a ray meets it, for pixels of ``pixel_angle`` radians."""
     if len(see.rows) == 0 or see.rows[i] < 0:
         return False
     uv = see.uv[see.rows[i]]
@@ -64,7 +62,7 @@ def is_open(
     if math.isnan(t):
         return False
     height, width = see.sizes[0, 0], see.sizes[0, 1]
-    texels = _texels_across(corners[i], uv, d, width, height) * t * pixel_angle
+    texels = _texels_across(corners[i], uv, ray, width, height) * t * pixel_angle
     level = min(math.log2(texels) + LEVEL_BIAS, float(len(see.sizes))) if texels > 1.0 else 0.0
     first = 1.0 - v - w
     u_met = first * uv[0] + v * uv[2] + w * uv[4]
@@ -73,24 +71,23 @@ def is_open(
 
 
 @kernel(nogil=True, error_model="numpy")
-def _texels_across(
-    a: NDArray[np.float32], uv: NDArray[np.float32], d: NDArray[np.float64], width: int, height: int
-) -> float:
-    """Texels that the texture of triangle ``a`` (9,) with coordinates ``uv`` (6,) moves on from a ray along ``d`` (3,) to one
-    that passes a metre beside it, level; or above it, where that is more. 0 where the ray grazes.
+def _texels_across(a: NDArray[np.float32], uv: NDArray[np.float32], ray: Ray, width: int, height: int) -> float:
+    """Texels that the texture of triangle ``a`` (9,) with coordinates ``uv`` (6,) moves on from a ray to one that passes a
+    metre beside it, level; or above it, where that is more. 0 where the ray grazes.
     """
+    dx, dy, dz = ray.dx, ray.dy, ray.dz
     bx, by, bz = float(a[3]) - a[0], float(a[4]) - a[1], float(a[5]) - a[2]
     cx, cy, cz = float(a[6]) - a[0], float(a[7]) - a[1], float(a[8]) - a[2]
     nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
-    area, facing = nx * nx + ny * ny + nz * nz, nx * d[0] + ny * d[1] + nz * d[2]
+    area, facing = nx * nx + ny * ny + nz * nz, nx * dx + ny * dy + nz * dz
     if not abs(facing) > _GRAZING * math.sqrt(area):
         return 0.0
-    level = math.hypot(d[0], d[1])
-    rx, ry = (d[1] / level, -d[0] / level) if level > 0.0 else (1.0, 0.0)
+    level = math.hypot(dx, dy)
+    rx, ry = (dy / level, -dx / level) if level > 0.0 else (1.0, 0.0)
     most = 0.0
-    for ex, ey, ez in ((rx, ry, 0.0), (ry * d[2], -rx * d[2], rx * d[1] - ry * d[0])):
+    for ex, ey, ez in ((rx, ry, 0.0), (ry * dz, -rx * dz, rx * dy - ry * dx)):
         along = (nx * ex + ny * ey + nz * ez) / facing  # what the ray has to go on or back to stay in the plane
-        px, py, pz = ex - along * d[0], ey - along * d[1], ez - along * d[2]
+        px, py, pz = ex - along * dx, ey - along * dy, ez - along * dz
         of_b = (px * (cy * nz - cz * ny) + py * (cz * nx - cx * nz) + pz * (cx * ny - cy * nx)) / area
         of_c = (px * (ny * bz - nz * by) + py * (nz * bx - nx * bz) + pz * (nx * by - ny * bx)) / area
         u = (of_b * (uv[2] - uv[0]) + of_c * (uv[4] - uv[0])) * width

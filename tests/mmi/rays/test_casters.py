@@ -239,8 +239,8 @@ def test_real_cities(name):
     directions[::2] = aims / np.linalg.norm(aims, axis=1, keepdims=True)
     casters = [make_caster(mesh, kind=kind, workers=1) for kind in KINDS]
     for nearest in (0.0, 20.0):
-        expected = brute_force(mesh).first_hits(origins, directions, nearest=nearest)
+        expected = brute_force(mesh).first_hits(origins, directions, nearest=nearest, pixel_angle=0.002)
         assert (expected.triangle >= 0).sum() > 10
         for caster in casters:
-            found = caster.first_hits(origins, directions, nearest=nearest)
+            found = caster.first_hits(origins, directions, nearest=nearest, pixel_angle=0.002)
             assert_same_hits(found, expected, mesh, origins, directions)
