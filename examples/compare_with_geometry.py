@@ -18,7 +18,7 @@ def main(dataset: Path, out: Path, *, views: int = 12) -> dict:
             f"{name:10}  wrong {100 * one['wrong_share']:.3f} %, at most {thickness['max']:.0f} px thick, "
             f"{one['triangles']:.0f} triangles, {report['ratios'][name]['visible']:.2f} times the frame rate of visible"
         )
-    promise = report["dataset"]["max_error_px"] + 2.0
+    promise = report["source"]["max_error_px"] + 2.0
     for view in report["worst"]:
         if view["technique"] == "multi-mesh" and view["wrong_thickness_px"] > promise:
             print(f"thicker than promised: {out / view['picture']}")

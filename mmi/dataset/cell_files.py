@@ -217,7 +217,16 @@ def _as_described(name: str) -> Iterator[None]:
     """Turns what goes wrong while a file's contents are held against the manifest into a DatasetError."""
     try:
         yield
-    except (KeyError, ValueError, IndexError, TypeError, RuntimeError, OSError, ParameterError) as error:
+    except (
+        KeyError,
+        ValueError,
+        IndexError,
+        TypeError,
+        RuntimeError,
+        OSError,
+        ParameterError,
+        Image.DecompressionBombError,
+    ) as error:
         raise DatasetError(
             f"{name}: the layers that the manifest describes expected, found others ({error!r})"
         ) from error

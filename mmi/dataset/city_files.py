@@ -60,7 +60,7 @@ def read_city_mesh(dataset: Dataset) -> tuple[CityMesh, CityMesh]:
     try:
         city, ground = contents.nodes[:objects], contents.nodes[objects:]
         return _city_mesh(city, contents.images[0]), _city_mesh(ground, contents.images[1])
-    except (ValueError, IndexError, OSError) as error:
+    except (ValueError, IndexError, OSError, Image.DecompressionBombError) as error:
         raise DatasetError(f"{name}: objects, ground and two textures expected, found others ({error})") from error
 
 

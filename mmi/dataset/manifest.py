@@ -321,6 +321,8 @@ def _hold_against_schema(schema: str, document: Mapping[str, Any], name: str) ->
         raise DatasetError(
             f"{name}: values as its schema describes them expected, found {place}: {error.message}"
         ) from error
+    except UnicodeEncodeError as error:
+        raise DatasetError(f"{name}: text expected, found half a character ({error.reason})") from error
 
 
 def _cell_from_dict(cell: Mapping[str, Any]) -> CellEntry:

@@ -112,8 +112,8 @@ def test_a_lock_that_another_build_removes_is_none(tmp_path, monkeypatch):
 
     def flock(file, operation):
         if not removed:
-            removed.append(file.name)
-            os.unlink(file.name)  # noqa: PTH108
+            removed.append(file)
+            (tmp_path / "out" / ".lock").unlink()
         real(file, operation)
 
     monkeypatch.setattr(mmi.dataset.folder.fcntl, "flock", flock)

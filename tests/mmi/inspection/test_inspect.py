@@ -85,7 +85,7 @@ def test_a_typical_cell_is_in_the_middle_of_those_with_layers(built, cells, typi
     picture = replace(one.pictures[0][1], objects=(0,))
 
     def made(cell, layers, far):
-        pictures = tuple(replace(picture, index=i) for i in range(layers))
+        pictures = tuple(replace(picture, index=i, name=f"s0.l{i}") for i in range(layers))
         files = one.files if layers else replace(one.files, exr=None)
         triangles = layers * picture.triangles
         return replace(one, id=cell, layers=(pictures,), far=("x",) * far, files=files, triangles=triangles)
