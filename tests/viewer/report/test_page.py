@@ -75,6 +75,7 @@ def technique(name, views, frames, walked):
         if walked and layered
         else None,
         "movers": None,
+        "rays": None,
     }
 
 
