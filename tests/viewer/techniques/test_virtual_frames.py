@@ -177,7 +177,7 @@ def test_a_budget_of_nothing_has_geometry_only():
     movers = movers_of([straight((40.0, 3.0), (0.0, 0.0))] * 1)
     found, technique = walk(movers, budget=Budget(1.0 / RATE, updates=0.0), frames=5)
     assert all(shown(plan, movers)[0] == [0] and not plan.requests for _, _, plan in found)
-    assert all(told.updates == 0.0 for told in technique._technique.told)
+    assert all(told.updates == 0.0 for told in technique.technique.told)
 
 
 def test_captures_keep_to_the_budget_and_the_rest_is_left_to_the_technique():
@@ -185,7 +185,7 @@ def test_captures_keep_to_the_budget_and_the_rest_is_left_to_the_technique():
     costs = Costs(request=1e-3)
     found, technique = walk(movers, budget=Budget(1.0 / RATE, updates=2.5e-3, costs=costs), frames=6)
     assert [len(plan.requests) for _, _, plan in found] == [2, 2, 2, 2, 0, 0]
-    for (_, _, plan), told in zip(found, technique._technique.told, strict=True):
+    for (_, _, plan), told in zip(found, technique.technique.told, strict=True):
         left = 2.5e-3 - 1e-3 * len(plan.requests)
         assert 0.0 < told.updates <= left
         assert told.frame < 1.0 / RATE
