@@ -14,8 +14,10 @@ __all__ = ["Shares"]
 
 _SMALLEST = 1024
 """Rays in a share, at least: they take some milliseconds, of which handing them out takes little."""
+_LARGEST = 8192
+"""Rays in a share, at most: what is kept of them while they are cast stays in a core's cache."""
 _PER_WORKER = 8
-"""Shares for each worker, at most, so that none waits long for the last."""
+"""Shares for each worker, but where they would be smaller than that, so that none waits long for the last."""
 
 
 class Shares:
@@ -30,17 +32,15 @@ class Shares:
 
     def run(self, work: Callable[[int, int], None], count: int) -> None:
         """Call ``work(first, last)`` for ranges that make up ``count`` rays, and wait. Raises what any of them raises."""
-        if self._threads is None or count <= _SMALLEST:
-            work(0, count)
-            return
-        size = max(_SMALLEST, -(-count // (self._workers * _PER_WORKER)))
+        size = min(max(_SMALLEST, -(-count // (self._workers * _PER_WORKER))), _LARGEST)
         ranges = iter([(first, min(first + size, count)) for first in range(0, count, size)])
 
         def work_through() -> None:
             for first, last in ranges:
                 work(first, last)
 
-        others = [self._threads.submit(work_through) for _ in range(self._workers - 1)]
+        helpers = min(self._workers, -(-count // size)) - 1
+        others = [] if self._threads is None else [self._threads.submit(work_through) for _ in range(helpers)]
         work_through()
         for one in others:
             one.result()
