@@ -36,13 +36,13 @@ class Coincident(NamedTuple):
     others: NDArray[np.int32]
 
 
-def coincident_faces(corners: NDArray[np.float32], planes: NDArray[np.float32], grid: Grid) -> Coincident:
+def coincident_faces(corners: NDArray[np.float32], bounds: NDArray[np.float32], grid: Grid) -> Coincident:
     """The triangles with ``corners`` (m, 9) that coincide, whichever way they face: no corner of the smaller is farther from
     the larger one's plane than ``FLAT``, and they overlap by more than that in each direction of it.
 
-    ``planes`` (m, 4) and ``grid`` are theirs: only triangles that share a cell are held against each other.
+    ``bounds`` (m, 10) and ``grid`` are theirs: only triangles that share a cell are held against each other.
     """
-    pairs = _pairs(corners, planes, grid, np.empty((1024, 2), dtype=np.int32))
+    pairs = _pairs(corners, bounds, grid, np.empty((1024, 2), dtype=np.int32))
     numbers = np.unique(pairs[:, 0].astype(np.int64) * len(corners) + pairs[:, 1])
     first, second = np.divmod(numbers, max(len(corners), 1))
     ones, others = np.concatenate([first, second]), np.concatenate([second, first])
@@ -81,29 +81,17 @@ def settle(
 
 @kernel(nogil=True, error_model="numpy")
 def _pairs(
-    corners: NDArray[np.float32], planes: NDArray[np.float32], grid: Grid, pairs: NDArray[np.int32]
+    corners: NDArray[np.float32], bounds: NDArray[np.float32], grid: Grid, pairs: NDArray[np.int32]
 ) -> NDArray[np.int32]:
     """(p, 2) the pairs that coincide, the lower first, once for each cell that has both. ``pairs`` is room to begin with."""
     found = 0
-    least, most = np.empty(64, dtype=np.float32), np.empty(64, dtype=np.float32)
     for c in range(len(grid.starts) - 1):
-        here = grid.entries[grid.starts[c] : grid.starts[c + 1]]
-        count = len(here)
-        if count < 2:
-            continue
-        if count > len(least):
-            least, most = np.empty(2 * count, dtype=np.float32), np.empty(2 * count, dtype=np.float32)
-        for m in range(count):
-            row = corners[here[m]]
-            least[m], most[m] = min(row[0], row[3], row[6]), max(row[0], row[3], row[6])
-        for m in range(count):
-            i = here[m]
-            for n in range(m + 1, count):
-                if least[n] > most[m] or least[m] > most[n]:
-                    continue
-                j = here[n]
-                cosine = planes[i, 0] * planes[j, 0] + planes[i, 1] * planes[j, 1] + planes[i, 2] * planes[j, 2]
-                if abs(cosine) < _PARALLEL or not _coincide(corners, planes, i, j):
+        last = grid.starts[c + 1]
+        for m in range(grid.starts[c], last):
+            i = grid.entries[m]
+            for n in range(m + 1, last):
+                j = grid.entries[n]
+                if not _near(bounds, i, j) or not _coincide(corners, bounds, i, j):
                     continue
                 if found == len(pairs):
                     longer = np.empty((2 * found, 2), dtype=np.int32)
@@ -115,10 +103,27 @@ def _pairs(
 
 
 @kernel(nogil=True, error_model="numpy")
-def _coincide(corners: NDArray[np.float32], planes: NDArray[np.float32], i: int, j: int) -> bool:
+def _near(bounds: NDArray[np.float32], i: int, j: int) -> bool:
+    """Whether two triangles are nearly parallel and their boxes meet."""
+    a, b = np.uint64(i), np.uint64(j)
+    cosine = bounds[a, 6] * bounds[b, 6] + bounds[a, 7] * bounds[b, 7] + bounds[a, 8] * bounds[b, 8]
+    if abs(cosine) < _PARALLEL:
+        return False
+    return bool(
+        bounds[a, 0] <= bounds[b, 1] + FLAT
+        and bounds[b, 0] <= bounds[a, 1] + FLAT
+        and bounds[a, 2] <= bounds[b, 3] + FLAT
+        and bounds[b, 2] <= bounds[a, 3] + FLAT
+        and bounds[a, 4] <= bounds[b, 5] + FLAT
+        and bounds[b, 4] <= bounds[a, 5] + FLAT
+    )
+
+
+@kernel(nogil=True, error_model="numpy")
+def _coincide(corners: NDArray[np.float32], bounds: NDArray[np.float32], i: int, j: int) -> bool:
     """Whether two nearly parallel triangles lie in one plane and overlap."""
     large, small = (i, j) if _area(corners[i]) >= _area(corners[j]) else (j, i)
-    nx, ny, nz = float(planes[large, 0]), float(planes[large, 1]), float(planes[large, 2])
+    nx, ny, nz = float(bounds[large, 6]), float(bounds[large, 7]), float(bounds[large, 8])
     a, b = corners[large], corners[small]
     for k in range(0, 9, 3):
         x, y, z = float(b[k]) - a[0], float(b[k + 1]) - a[1], float(b[k + 2]) - a[2]

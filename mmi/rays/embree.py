@@ -21,7 +21,7 @@ from mmi.foundation.kernels import kernel
 from mmi.rays.coincident import FLAT, Coincident, coincident_faces, settle
 from mmi.rays.grid import build_grid
 from mmi.rays.hits import Hits, no_hits, rays_of
-from mmi.rays.ray_triangle import corners_of, planes_of, point_met, ray_along
+from mmi.rays.ray_triangle import bounds_of, corners_of, point_met, ray_along
 from mmi.rays.see_through import SeeThrough, see_through_of
 from mmi.rays.shares import Shares
 
@@ -103,7 +103,7 @@ def embree_caster(mesh: CityMesh, *, workers: int) -> EmbreeCaster:
         TriangleMesh(scene, mesh.positions, mesh.triangles)
         ray = np.ones((1, 3), dtype=np.float32)
         scene.run(ray, ray)  # Embree builds its tree for the first ray, which must not be several at a time
-    coincident = coincident_faces(corners, planes_of(corners), build_grid(corners))
+    coincident = coincident_faces(corners, bounds_of(corners), build_grid(corners))
     return EmbreeCaster(corners, scene, coincident, see_through_of(mesh), Shares(workers))
 
 

@@ -2,9 +2,9 @@
 tracing", Eurographics 1987; paper section 4.2).
 
 A ray enters the grid where it is ``nearest`` metres long, or later, and steps from cell to cell across the nearest of three
-planes. It stops in the cell that holds the nearest hit so far. Of a cell's triangles only those are tested whose planes pass
-the part of the ray that is in it: a plane is four numbers, and most triangles of a cell are parts of other walls. So a triangle
-that fills many cells is tested in the one where it is met, and none needs to remember rays that it was tested for.
+planes. It stops in the cell that holds the nearest hit so far. Of a cell's triangles only those are tested whose box and plane
+meet the part of the ray that is in the cell: most triangles are windows of other storeys, or parts of other walls. So a
+triangle that fills many cells is tested in the one where it is met, and none needs to remember the rays that it was tested for.
 """
 
 from __future__ import annotations
@@ -19,25 +19,26 @@ from mmi.foundation.kernels import kernel
 from mmi.rays.coincident import Coincident, coincident_faces, settle
 from mmi.rays.grid import Grid, build_grid
 from mmi.rays.hits import Hits, no_hits, rays_of
-from mmi.rays.ray_triangle import corners_of, meeting, planes_of, point_met, ray_along
+from mmi.rays.ray_triangle import bounds_of, corners_of, meeting, point_met, ray_along
 from mmi.rays.see_through import SeeThrough, is_open, see_through_of
 from mmi.rays.shares import Shares
 
 __all__ = ["GridCaster", "grid_caster"]
 
-_0, _1, _2, _3 = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3)
+_0, _1, _2, _3, _4 = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
+_5, _6, _7, _8, _9 = np.uint64(5), np.uint64(6), np.uint64(7), np.uint64(8), np.uint64(9)
 _BESIDE = 2e-6
-"""Share of the largest coordinate by which a plane may pass beside a ray: four times what float32 makes of its height."""
+"""Share of the largest coordinate by which boxes and planes may pass beside a ray: four times what float32 makes of that."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GridCaster:
-    """A caster that walks through ``grid``. ``corners`` (m, 9) and ``planes`` (m, 4) of the triangles are in metres;
-    ``beside`` is how far a plane may pass from a ray in its cell, for all that is known of it in float32.
+    """A caster that walks through ``grid``. ``corners`` (m, 9) and ``bounds`` (m, 10) of the triangles are in metres;
+    ``beside`` is how far a box or plane may pass from a ray in its cell, for all that is known of it in float32.
     """
 
     corners: NDArray[np.float32]
-    planes: NDArray[np.float32]
+    bounds: NDArray[np.float32]
     beside: float
     grid: Grid
     coincident: Coincident
@@ -58,7 +59,7 @@ class GridCaster:
                 nearest,
                 pixel_angle,
                 self.corners,
-                self.planes,
+                self.bounds,
                 self.beside,
                 self.grid,
                 self.coincident,
@@ -74,13 +75,13 @@ class GridCaster:
 def grid_caster(mesh: CityMesh, *, workers: int) -> GridCaster:
     """A caster for a mesh, with ``workers`` threads. Building it takes seconds for a million triangles."""
     corners = corners_of(mesh)
-    planes, grid = planes_of(corners), build_grid(corners)
+    bounds, grid = bounds_of(corners), build_grid(corners)
     return GridCaster(
         corners=corners,
-        planes=planes,
+        bounds=bounds,
         beside=_BESIDE * float(np.abs(corners).max(initial=0.0)),
         grid=grid,
-        coincident=coincident_faces(corners, planes, grid),
+        coincident=coincident_faces(corners, bounds, grid),
         see=see_through_of(mesh),
         shares=Shares(workers),
     )
@@ -118,7 +119,7 @@ def _walk(
     nearest: float,
     pixel_angle: float,
     corners: NDArray[np.float32],
-    planes: NDArray[np.float32],
+    bounds: NDArray[np.float32],
     beside: float,
     grid: Grid,
     coincident: Coincident,
@@ -128,7 +129,7 @@ def _walk(
     """Find what rays hit, and write it into ``found``: the three arrays of hits."""
     triangle, distance, weights = found
     size_x, size_y, size_z = grid.size
-    starts, entries = grid.starts, grid.entries
+    starts, entries, slack = grid.starts, grid.entries, np.float32(beside)
     for r in range(len(directions)):
         s = r if len(origins) > 1 else 0
         ox, oy, oz = origins[s, 0], origins[s, 1], origins[s, 2]
@@ -155,11 +156,22 @@ def _walk(
             if first < last:
                 middle, half = 0.5 * (t_in + t_out), np.float32(0.5 * (t_out - t_in))
                 mx, my, mz = np.float32(ox + middle * dx), np.float32(oy + middle * dy), np.float32(oz + middle * dz)
+                rx, ry, rz = abs(fx) * half + slack, abs(fy) * half + slack, abs(fz) * half + slack
+                x0, x1, y0, y1, z0, z1 = mx - rx, mx + rx, my - ry, my + ry, mz - rz, mz + rz
                 for e in range(first, last):
                     i = np.uint64(entries[np.uint64(e)])
-                    nx, ny, nz, offset = planes[i, _0], planes[i, _1], planes[i, _2], planes[i, _3]
+                    if (
+                        bounds[i, _4] > z1
+                        or bounds[i, _5] < z0
+                        or bounds[i, _0] > x1
+                        or bounds[i, _1] < x0
+                        or bounds[i, _2] > y1
+                        or bounds[i, _3] < y0
+                    ):
+                        continue
+                    nx, ny, nz, offset = bounds[i, _6], bounds[i, _7], bounds[i, _8], bounds[i, _9]
                     away = abs(nx * mx + ny * my + nz * mz + offset)
-                    if away > abs(nx * fx + ny * fy + nz * fz) * half + np.float32(beside):
+                    if away > abs(nx * fx + ny * fy + nz * fz) * half + slack:
                         continue
                     t = meeting(corners, i, ray)
                     closer = nearest <= t and (t < best or (t == best and np.int64(i) < hit))

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from mmi.appearance.city_mesh import CityMesh
 from mmi.foundation.kernels import kernel
 
-__all__ = ["Ray", "corners_of", "meeting", "planes_of", "point_met", "ray_along"]
+__all__ = ["Ray", "bounds_of", "corners_of", "meeting", "point_met", "ray_along"]
 
 _0, _1, _2, _3, _6 = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(6)
 
@@ -53,24 +53,27 @@ def corners_of(mesh: CityMesh) -> NDArray[np.float32]:
 
 
 @kernel(nogil=True, error_model="numpy")
-def planes_of(corners: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(m, 4) unit normals n of triangles and offsets d, so that n x + d is the height of a point x above the plane; all 0
-    without area. The offset holds for the normal as it is rounded.
+def bounds_of(corners: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(m, 10) the boxes and planes of triangles: lowest and highest x, y and z, then a unit normal n and an offset d, so that
+    n x + d is the height of a point x above the plane. Normal and offset are 0 without area; the offset is that of the normal
+    as it is rounded.
     """
-    planes = np.zeros((len(corners), 4), dtype=np.float32)
+    bounds = np.zeros((len(corners), 10), dtype=np.float32)
     for i in range(len(corners)):
-        a = corners[i]
+        a, one = corners[i], bounds[i]
+        for k in range(3):
+            one[2 * k] = min(a[k], min(a[3 + k], a[6 + k]))
+            one[2 * k + 1] = max(a[k], max(a[3 + k], a[6 + k]))
         bx, by, bz = float(a[3]) - a[0], float(a[4]) - a[1], float(a[5]) - a[2]
         cx, cy, cz = float(a[6]) - a[0], float(a[7]) - a[1], float(a[8]) - a[2]
         nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
         length = math.sqrt(nx * nx + ny * ny + nz * nz)
         if length > 0.0:
-            n = planes[i]
+            n = one[6:]
             n[0], n[1], n[2] = nx / length, ny / length, nz / length
-            n[3] = -(
-                n[0] * (a[0] + (bx + cx) / 3.0) + n[1] * (a[1] + (by + cy) / 3.0) + n[2] * (a[2] + (bz + cz) / 3.0)
-            )
-    return planes
+            x, y, z = a[0] + (bx + cx) / 3.0, a[1] + (by + cy) / 3.0, a[2] + (bz + cz) / 3.0
+            n[3] = -(n[0] * x + n[1] * y + n[2] * z)
+    return bounds
 
 
 @kernel(nogil=True, error_model="numpy")

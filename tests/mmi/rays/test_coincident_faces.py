@@ -11,13 +11,13 @@ from mmi.rays.brute_force import brute_force
 from mmi.rays.casters import make_caster
 from mmi.rays.coincident import coincident_faces
 from mmi.rays.grid import build_grid
-from mmi.rays.ray_triangle import planes_of
+from mmi.rays.ray_triangle import bounds_of
 
 
 def pairs_of(soup):
     """The pairs of coincident triangles (i, j), i < j."""
     corners = np.asarray(soup, dtype=np.float32).reshape(-1, 9)
-    found = coincident_faces(corners, planes_of(corners), build_grid(corners))
+    found = coincident_faces(corners, bounds_of(corners), build_grid(corners))
     firsts = np.repeat(np.arange(len(corners)), np.diff(found.starts))
     both = {(int(i), int(j)) for i, j in zip(firsts, found.others, strict=True)}
     assert both == {(j, i) for i, j in both}
