@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from mmi.rays.horizon_map import Horizon
 from viewer.casting.far_field import FarField
-from viewer.casting.open_pixels import CAST, REUSED, SKY, TILE, Rays, classify
-from viewer.casting.panorama import Panorama, store
+from viewer.casting.open_pixels import CAST, REUSED, TILE, Rays, classify
+from viewer.casting.panorama import SAMPLE, Panorama, store
 from viewer.casting.rules import CastRules
 from viewer.casting.surfaces import cast_pixels, shown_again
 from viewer.plan import CAST_PIXEL, CastPixels
@@ -95,7 +95,7 @@ def worst_first(errors: NDArray[np.float32], count: int) -> NDArray[np.int64]:
     return np.sort(np.concatenate([worse, equal[np.arange(left) * len(equal) // left]]))
 
 
-def directions_of(pixels: NDArray[np.int64], width: int, rays: Rays) -> NDArray[np.float64]:
+def directions_of(pixels: NDArray[np.int32], width: int, rays: Rays) -> NDArray[np.float64]:
     """(n, 3) unit directions, world, through the middles of ``pixels`` (n,), places in a picture of ``width`` columns."""
     x, y = (rays.left + pixels % width) / rays.focal, -(rays.top + pixels // width) / rays.focal
     found = x[:, None] * rays.axes[0] + y[:, None] * rays.axes[1] - rays.axes[2]
@@ -128,10 +128,13 @@ def cast_frame(
     record_error = record_errors(panorama.distances(rays.eye), rules, focal=rays.focal, limit_px=limit_px)
     found = panorama.room(height, width)
 
-    def some(rows: tuple[int, int]) -> None:
-        classify(
+    def classified(share: int) -> tuple[int, int, int]:
+        """Classify a worker's rows of tiles: where the list of their open pixels begins and ends, and how many are sky."""
+        begin = width * sum(min(TILE, height - top) for one in range(share) for top in range(TILE * one, height, apart))
+        end, sky = classify(
             depths,
-            rows,
+            share,
+            far.workers,
             rays,
             rules.near_field,
             horizon.slopes,
@@ -143,13 +146,18 @@ def cast_frame(
             limit_px,
             rules.reuse == "hits",
             found,
+            begin,
         )
+        return begin, end, sky
 
-    band = TILE * -(-height // (4 * far.workers * TILE))
-    list(far.threads.map(some, [(row, min(row + band, height)) for row in range(0, height, band)]))
-    state = found.state.reshape(-1)
-    pixels = np.flatnonzero(state >= REUSED)  # few of all; from here on, numbers are places among them
-    kind, texel, error = state[pixels], found.texel.reshape(-1)[pixels], found.error.reshape(-1)[pixels]
+    apart = TILE * far.workers
+    others = [far.threads.submit(classified, share) for share in range(1, far.workers)]
+    parts = [classified(0), *(one.result() for one in others)]
+    # Few of all pixels are open; from here on, numbers are places among them.
+    pixels, texel, error = (
+        np.concatenate([one[begin:end] for begin, end, _ in parts]) for one in (found.pixel, found.texel, found.error)
+    )
+    kind = found.state.reshape(-1)[pixels]
     wanted = np.flatnonzero(kind == CAST)
     chosen = wanted if most is None else wanted[worst_first(error[wanted], most)]
     if (share or settling) and len(chosen) == len(wanted):
@@ -165,7 +173,14 @@ def cast_frame(
     struck = np.flatnonzero(hits.triangle >= 0)
     points = directions.astype(np.float32)
     points[struck] = rays.eye + directions[struck] * hits.distance[struck, None].astype(np.float64)
-    fresh = cast_pixels(
+    shown = np.flatnonzero(rayless & (texel >= 0))
+    kept = float(error[shown].max(initial=0.0))
+    objects = panorama.texels.map["object"][texel[shown]]
+    shown = shown[(objects >= 0) & ~near_objects[objects]]  # near objects are drawn where they are now
+    samples = np.empty(len(struck) + len(shown), dtype=CAST_PIXEL)
+    fresh, old = samples[: len(struck)], samples[len(struck) :]
+    shown_again(pixels[shown], width, first_column, texel[shown], rays, panorama.texels, old)
+    cast_pixels(
         pixels[chosen[struck]],
         width,
         first_column,
@@ -174,34 +189,20 @@ def cast_frame(
         points[struck],
         rays,
         far.surfaces,
+        fresh,
     )
     if len(chosen):
-        looks = np.zeros(len(chosen), dtype=CAST_PIXEL)
-        looks["object"] = -1
-        looks[struck] = fresh
-        store(
-            panorama.record_at(rays.eye),
-            directions,
-            -rays.axes[2],
-            looks["object"],
-            points,
-            looks["uv"],
-            looks["level"],
-            looks["tint"].view("<u4")[:, 0],
-            panorama.texels,
-        )
-    shown = np.flatnonzero(rayless & (texel >= 0))
-    kept = float(error[shown].max(initial=0.0))
-    places = texel[shown]
-    objects = panorama.texels.map["object"][places]
-    there = (objects >= 0) & ~near_objects[objects]  # near objects are drawn where they are now
-    old = shown_again(pixels[shown[there]], width, first_column, places[there], rays, panorama.texels)
+        record, ahead, missed = panorama.record_at(rays.eye), -rays.axes[2], np.flatnonzero(hits.triangle < 0)
+        nothing = np.zeros(len(missed), dtype=SAMPLE)
+        nothing["object"] = -1
+        for some, looks in ((struck, fresh.view(SAMPLE)), (missed, nothing)):
+            store(record, directions[some], ahead, points[some], looks, panorama.texels)
     left = wanted[rayless[wanted]]
     known = int((texel[left] >= 0).sum())
-    sky = int(np.count_nonzero(state == SKY))
+    sky = sum(some for *_, some in parts)
     tally = CastTally(
         frames=1,
-        covered=len(state) - sky - len(pixels),
+        covered=depths.size - sky - len(pixels),
         sky=sky,
         reused=int(rayless.sum()) - len(left),
         hit=len(struck),
@@ -210,4 +211,4 @@ def cast_frame(
         unknown=len(left) - known,
         kept_px=kept,
     )
-    return CastPixels(np.concatenate([fresh, old]), len(fresh)), tally
+    return CastPixels(samples, len(fresh)), tally

@@ -60,7 +60,8 @@ def rays_of(view: View, first_column: int = 0) -> Rays:
 @kernel(nogil=True)
 def classify(
     depths: NDArray[np.float32],
-    rows: tuple[int, int],
+    first_row: int,
+    step: int,
     rays: Rays,
     near: float,
     slopes: NDArray[np.float64],
@@ -72,58 +73,58 @@ def classify(
     limit: float,
     own_errors: bool,
     found: Found,
-) -> None:
-    """Find out what pixels of some ``rows`` (first, end) need, into ``found``.
+    begin: int,
+) -> tuple[int, int]:
+    """Find out what pixels need, into ``found``, those of every ``step``-th row of tiles from ``first_row`` on.
+
+    Returns where the list of open ones that starts at ``begin`` ends, and how many pixels are sky.
 
     ``depths`` (h, w) are those of what was drawn, infinite for sky; far is what is ``near`` metres away or more. The horizon
     of the far is ``slopes`` as :func:`mmi.rays.horizon_map.is_above` has them. ``record_error`` (records,) says by how many
     pixels what was cast for each record may be off at most, infinite where it must not be shown; with ``own_errors`` it is each
     texel's own point that counts, where it has one. ``near_objects`` says which of the city's objects are drawn.
     """
-    for top in range(rows[0], rows[1], TILE):
-        bottom = min(top + TILE, rows[1])
+    end, sky = begin, 0
+    for top in range(TILE * first_row, depths.shape[0], TILE * step):
+        bottom = min(top + TILE, depths.shape[0])
         for left in range(0, depths.shape[1], TILE):
             right = min(left + TILE, depths.shape[1])
-            if not _simple(depths, top, bottom, left, right, rays, near, slopes, first, per_radian, found):
-                _each(
-                    depths,
-                    top,
-                    bottom,
-                    left,
-                    right,
-                    rays,
-                    near,
-                    slopes,
-                    first,
-                    per_radian,
-                    texels,
-                    record_error,
-                    near_objects,
-                    limit,
-                    own_errors,
-                    found,
-                )
+            if _is_near(depths, top, bottom, left, right, rays, near):
+                found.state[top:bottom, left:right] = COVERED
+                continue
+            steep, least = _steepest(top, bottom, left, right, rays, slopes, first, per_radian)
+            if least > steep:
+                sky += _all_above(depths, top, bottom, left, right, found)
+                continue
+            end, some = _each(
+                depths,
+                top,
+                bottom,
+                left,
+                right,
+                rays,
+                near,
+                slopes,
+                first,
+                per_radian,
+                steep,
+                texels,
+                record_error,
+                near_objects,
+                limit,
+                own_errors,
+                found,
+                end,
+            )
+            sky += some
+    return end, sky
 
 
 @kernel(nogil=True)
-def _simple(
-    depths: NDArray[np.float32],
-    top: int,
-    bottom: int,
-    left: int,
-    right: int,
-    rays: Rays,
-    near: float,
-    slopes: NDArray[np.float64],
-    first: float,
-    per_radian: float,
-    found: Found,
+def _is_near(
+    depths: NDArray[np.float32], top: int, bottom: int, left: int, right: int, rays: Rays, near: float
 ) -> bool:
-    """Whether all pixels of a tile are sky, or covered; then they are in ``found``.
-
-    A tile whose corners all look upwards, above the steepest of the horizon in all their azimuths, is above it: great circles
-    between directions above the horizontal bulge upwards.
-    """
+    """Whether what is near covers all of a tile."""
     longest = 0.0
     for k in range(4):
         x = (rays.left + (right - 1 if k & 1 else left)) / rays.focal
@@ -134,16 +135,23 @@ def _simple(
     for i in range(top, bottom):
         for j in range(left, right):
             beyond += depths[i, j] > limit
-    if beyond and not _is_sky(top, bottom, left, right, rays, slopes, first, per_radian):
-        return False
-    for i in range(top, bottom):
-        for j in range(left, right):
-            found.state[i, j] = SKY if depths[i, j] == np.inf else COVERED
-    return True
+    return beyond == 0
 
 
 @kernel(nogil=True)
-def _is_sky(
+def _all_above(depths: NDArray[np.float32], top: int, bottom: int, left: int, right: int, found: Found) -> int:
+    """A tile that is above the horizon: how many of its pixels are sky, those that nothing near covers."""
+    sky = 0
+    for i in range(top, bottom):
+        for j in range(left, right):
+            is_open = depths[i, j] == np.inf
+            found.state[i, j] = SKY if is_open else COVERED
+            sky += is_open
+    return sky
+
+
+@kernel(nogil=True)
+def _steepest(
     top: int,
     bottom: int,
     left: int,
@@ -152,8 +160,12 @@ def _is_sky(
     slopes: NDArray[np.float64],
     first: float,
     per_radian: float,
-) -> bool:
-    """Whether a tile is above the horizon, as far as its corners tell."""
+) -> tuple[float, float]:
+    """The steepest of the horizon in all azimuths of a tile, infinite where its corners do not tell them; and the least slope
+    of the tile's directions, -inf where a corner does not look upwards.
+
+    Great circles between directions above the horizontal bulge upwards, so that corners that look upwards have the least.
+    """
     least, low, high = np.inf, 0.0, 0.0
     start = 0.0
     for k in range(4):
@@ -161,9 +173,9 @@ def _is_sky(
         y = -(rays.top + (bottom - 1 if k & 2 else top)) / rays.focal
         dx, dy, dz = _direction(x, y, rays.axes)
         level = math.sqrt(dx * dx + dy * dy)
-        if dz <= 0.0 or level <= 1e-6:
-            return False
-        least = min(least, dz / level)
+        if level <= 1e-6:
+            return np.inf, -np.inf
+        least = min(least, dz / level if dz > 0.0 else -np.inf)
         turn = math.atan2(dy, dx)
         if k == 0:
             start = turn
@@ -171,13 +183,13 @@ def _is_sky(
         aside -= _TURN * math.floor(aside / _TURN + 0.5)
         low, high = min(low, aside), max(high, aside)
     if high - low > _WIDEST:
-        return False
+        return np.inf, least
     begin = start + low - first
     begin -= _TURN * math.floor(begin / _TURN)
     column, last = int(begin * per_radian), int((begin + high - low) * per_radian)
     if last >= len(slopes):
-        return False
-    return bool(slopes[column : last + 1].max() < least)
+        return np.inf, least
+    return slopes[column : last + 1].max(), least
 
 
 @kernel(nogil=True, inline="always")
@@ -202,15 +214,20 @@ def _each(
     slopes: NDArray[np.float64],
     first: float,
     per_radian: float,
+    steep: float,
     texels: Texels,
     record_error: NDArray[np.float32],
     near_objects: NDArray[np.bool_],
     limit: float,
     own_errors: bool,
     found: Found,
-) -> None:
-    """Find out what each pixel of a tile needs."""
+    end: int,
+) -> tuple[int, int]:
+    """Find out what each pixel of a tile needs, and add those that are open to the list that has come to ``end``: where it has
+    come to now, and how many are sky. The horizon is nowhere steeper in the tile than ``steep``.
+    """
     eye, focal = rays.eye, rays.focal
+    sky = 0
     for i in range(top, bottom):
         y = -(rays.top + i) / focal
         for j in range(left, right):
@@ -223,9 +240,14 @@ def _each(
             dx, dy, dz = _direction(x, y, rays.axes)
             dx, dy, dz = dx / length, dy / length, dz / length
             is_open = drawn == np.inf
-            turn, level = math.atan2(dy, dx), math.sqrt(dx * dx + dy * dy)
-            if is_above(slopes, first, per_radian, turn, level, dz):
+            level = math.sqrt(dx * dx + dy * dy)
+            above, turn = steep == -np.inf or dz > steep * level, 0.0
+            if not above:
+                turn = math.atan2(dy, dx)
+                above = is_above(slopes, first, per_radian, turn, level, dz)
+            if above:
                 found.state[i, j] = SKY if is_open else COVERED
+                sky += is_open
                 continue
             column = min(int((turn + math.pi) / texels.step), texels.columns - 1)
             row = min(int((math.atan2(dz, level) + 0.5 * math.pi) / texels.step), texels.rows - 1)
@@ -233,8 +255,10 @@ def _each(
             off = _off(texels.map[texel], dx, dy, dz, eye, record_error, near_objects, is_open)
             if off > texels.step:  # few are
                 texel, off = _best(dx, dy, dz, column, row, eye, texels, record_error, near_objects, is_open)
+            found.pixel[end] = i * depths.shape[1] + j
             if texel < 0:
-                found.state[i, j], found.texel[i, j], found.error[i, j] = CAST, -1, np.inf
+                found.state[i, j], found.texel[end], found.error[end] = CAST, -1, np.inf
+                end += 1
                 continue
             off *= focal
             own = own_errors and texels.map[texel].object >= 0
@@ -247,7 +271,9 @@ def _each(
                 found.state[i, j] = REUSED
                 if off > _EXACT_PX:
                     error = max(error, off)
-            found.texel[i, j], found.error[i, j] = texel, error
+            found.texel[end], found.error[end] = texel, error
+            end += 1
+    return end, sky
 
 
 @kernel(nogil=True)

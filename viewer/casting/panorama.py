@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from mmi.foundation.camera import View
 from mmi.foundation.kernels import kernel
 
-__all__ = ["PIXEL_LEVELS", "TEXEL", "Found", "Panorama", "Texels", "smallest_pixel", "store", "texel_of"]
+__all__ = ["PIXEL_LEVELS", "SAMPLE", "TEXEL", "Found", "Panorama", "Texels", "smallest_pixel", "store", "texel_of"]
 
 _APART = 1e-6
 """Metres below which two places are one: who turns on the spot stays where it is, to rounding."""
@@ -52,6 +52,20 @@ the world (for none, the direction). Texture coordinates and ``tint`` are those 
 which a pixel in the middle of the picture would show it.
 """
 
+SAMPLE = np.dtype(
+    [
+        ("x", "<u2"),
+        ("y", "<u2"),
+        ("depth", "<f4"),
+        ("u", "<f4"),
+        ("v", "<f4"),
+        ("level", "<f4"),
+        ("tint", "<u4"),
+        ("object", "<i4"),
+    ]
+)
+"""``CAST_PIXEL`` (:mod:`viewer.plan`) without arrays in it, which kernels read and write faster."""
+
 
 class Texels(NamedTuple):
     """All texels, row by row from straight down to straight up; ``step`` is radians of a column and of a row.
@@ -66,11 +80,13 @@ class Texels(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Of each pixel (h, w): its ``state``; and where that is ``REUSED`` or ``CAST``, the ``texel`` that shows it best (-1: none
-    does), and the ``error`` in pixels that showing it may make, infinite where there is none.
+    """The ``state`` of each pixel (h, w), and lists of the open ones, those that are ``REUSED`` or ``CAST``, with room for all
+    (h * w,): the ``pixel``, its place in the picture; the ``texel`` that shows it best (-1: none does); and the ``error`` in
+    pixels that showing it may make, infinite where there is none.
     """
 
     state: NDArray[np.uint8]
+    pixel: NDArray[np.int32]
     texel: NDArray[np.int32]
     error: NDArray[np.float32]
 
@@ -99,8 +115,10 @@ class Panorama:
         """Room for what is found of a picture's pixels, the same for pictures of one size: new memory takes time."""
         found = self._found
         if found is None or found.state.shape != (height, width):
-            kinds = (np.uint8, np.int32, np.float32)
-            self._found = found = Found(*(np.empty((height, width), dtype=kind) for kind in kinds))
+            count = height * width
+            pixel, texel = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
+            state, error = np.empty((height, width), dtype=np.uint8), np.empty(count, dtype=np.float32)
+            self._found = found = Found(state, pixel, texel, error)
         return found
 
     def distances(self, eye: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -139,23 +157,22 @@ def store(
     record: int,
     directions: NDArray[np.float64],
     ahead: NDArray[np.float64],
-    objects: NDArray[np.int32],
     points: NDArray[np.float32],
-    uv: NDArray[np.float32],
-    levels: NDArray[np.float32],
-    tints: NDArray[np.uint32],
+    samples: NDArray[np.void],
     texels: Texels,
 ) -> None:
-    """Keep what rays in unit ``directions`` (n, 3) have hit, under ``record``: ``TEXEL``'s values, a row each.
+    """Keep what rays in unit ``directions`` (n, 3) have hit, under ``record``: ``points`` (n, 3) that ``samples`` (n,) of
+    ``SAMPLE`` show. For a ray that has hit nothing the sample's object is -1, and the point is its direction.
 
-    ``levels`` (n,) are those of the pixels that the rays went through, of a picture that looks ``ahead`` (3,).
+    The pixels that the rays went through are those of a picture that looks ``ahead`` (3,).
     """
-    for k in range(len(objects)):
+    for k in range(len(samples)):
+        sample = samples[k]
         dx, dy, dz = directions[k, 0], directions[k, 1], directions[k, 2]
         column, row = texel_of(dx, dy, dz, texels.columns, texels.rows, texels.step)
         texel = texels.map[row * texels.columns + column]
-        texel.record, texel.object = record, objects[k]
+        texel.record, texel.object = record, sample.object
         texel.x, texel.y, texel.z = points[k, 0], points[k, 1], points[k, 2]
-        texel.u, texel.v, texel.tint = uv[k, 0], uv[k, 1], tints[k]
+        texel.u, texel.v, texel.tint = sample.u, sample.v, sample.tint
         cosine = dx * ahead[0] + dy * ahead[1] + dz * ahead[2]
-        texel.level = levels[k] - PIXEL_LEVELS * math.log2(cosine)
+        texel.level = sample.level - PIXEL_LEVELS * math.log2(cosine)

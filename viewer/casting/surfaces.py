@@ -15,27 +15,13 @@ from numpy.typing import NDArray
 from mmi.appearance.city_mesh import CityMesh
 from mmi.foundation.kernels import kernel
 from viewer.casting.open_pixels import Rays
-from viewer.casting.panorama import PIXEL_LEVELS, Texels
-from viewer.plan import CAST_PIXEL
+from viewer.casting.panorama import PIXEL_LEVELS, SAMPLE, Texels
 
 __all__ = ["LEVEL_BIAS", "Surfaces", "cast_pixels", "shown_again", "surfaces_of"]
 
 LEVEL_BIAS = -0.75
 """That of the renderer's meshes (``viewer.drawing.kinds.meshes``)."""
 _GRAZING = 1e-9
-_PIXEL = np.dtype(
-    [
-        ("x", "<u2"),
-        ("y", "<u2"),
-        ("depth", "<f4"),
-        ("u", "<f4"),
-        ("v", "<f4"),
-        ("level", "<f4"),
-        ("tint", "<u4"),
-        ("object", "<i4"),
-    ]
-)
-"""``CAST_PIXEL`` without arrays, which kernels write faster."""
 
 
 class Surfaces(NamedTuple):
@@ -57,7 +43,7 @@ def surfaces_of(mesh: CityMesh) -> Surfaces:
 
 
 def cast_pixels(
-    pixels: NDArray[np.int64],
+    pixels: NDArray[np.int32],
     width: int,
     first_column: int,
     triangles: NDArray[np.int32],
@@ -65,43 +51,44 @@ def cast_pixels(
     points: NDArray[np.float32],
     rays: Rays,
     surfaces: Surfaces,
-) -> NDArray[np.void]:
-    """``CAST_PIXEL`` (n,) for ``pixels`` (n,), places in a picture of ``width`` columns from a view's ``first_column`` on.
-
-    They show ``points`` (n, 3), world, of ``triangles`` (n,) at barycentric ``weights`` (n, 2).
+    samples: NDArray[np.void],
+) -> None:
+    """Fill in ``samples`` (n,) of ``CAST_PIXEL`` for ``pixels`` (n,), places in a picture of ``width`` columns from a view's
+    ``first_column`` on. They show ``points`` (n, 3), world, of ``triangles`` (n,) at barycentric ``weights`` (n, 2).
     """
-    samples = np.empty(len(pixels), dtype=CAST_PIXEL)
-    samples["pixel"][:, 0], samples["pixel"][:, 1] = first_column + pixels % width, pixels // width
-    found = np.empty((len(pixels), 4), dtype=np.float32)
-    _look(triangles, weights, points, rays, surfaces, found, samples["tint"])
-    samples["uv"], samples["level"], samples["depth"] = found[:, :2], found[:, 2], found[:, 3]
-    samples["object"] = surfaces.owners[triangles]
-    return samples
+    _look(pixels, width, first_column, triangles, weights, points, rays, surfaces, samples.view(SAMPLE))
 
 
 def shown_again(
-    pixels: NDArray[np.int64],
+    pixels: NDArray[np.int32],
     width: int,
     first_column: int,
     places: NDArray[np.int32],
     rays: Rays,
     texels: Texels,
-) -> NDArray[np.void]:
-    """``CAST_PIXEL`` (n,) for ``pixels`` (n,), as :func:`cast_pixels`, which show ``places`` (n,) of a panorama's map."""
-    samples = np.empty(len(pixels), dtype=CAST_PIXEL)
-    samples["pixel"][:, 0], samples["pixel"][:, 1] = first_column + pixels % width, pixels // width
-    _show(places, rays, texels, samples.view(_PIXEL))
-    return samples
+    samples: NDArray[np.void],
+) -> None:
+    """Fill in ``samples`` (n,) as :func:`cast_pixels` does, which show ``places`` (n,) of a panorama's map."""
+    _show(pixels, width, first_column, places, rays, texels, samples.view(SAMPLE))
 
 
 @kernel(nogil=True)
-def _show(places: NDArray[np.int32], rays: Rays, texels: Texels, samples: NDArray[np.void]) -> None:
+def _show(
+    pixels: NDArray[np.int32],
+    width: int,
+    first_column: int,
+    places: NDArray[np.int32],
+    rays: Rays,
+    texels: Texels,
+    samples: NDArray[np.void],
+) -> None:
     axes, eye = rays.axes, rays.eye
     for k in range(len(places)):
         texel, sample = texels.map[places[k]], samples[k]
         x, y, z = texel.x - eye[0], texel.y - eye[1], texel.z - eye[2]
         depth = -(axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z)
         cosine = depth / math.sqrt(x * x + y * y + z * z)
+        sample.x, sample.y = first_column + pixels[k] % width, pixels[k] // width
         sample.depth, sample.u, sample.v = depth, texel.u, texel.v
         sample.level = texel.level + PIXEL_LEVELS * math.log2(max(cosine, 1e-6))
         sample.tint, sample.object = texel.tint, texel.object
@@ -109,15 +96,17 @@ def _show(places: NDArray[np.int32], rays: Rays, texels: Texels, samples: NDArra
 
 @kernel(nogil=True)
 def _look(
+    pixels: NDArray[np.int32],
+    width: int,
+    first_column: int,
     triangles: NDArray[np.int32],
     weights: NDArray[np.float32],
     points: NDArray[np.float32],
     rays: Rays,
     surfaces: Surfaces,
-    found: NDArray[np.float32],
-    tint: NDArray[np.uint8],
+    samples: NDArray[np.void],
 ) -> None:
-    """Texture coordinates, level and depth of each, into ``found`` (n, 4), and its colour into ``tint`` (n, 4)."""
+    """Place, texture coordinates, level, tint and depth of each sample."""
     axes, eye = rays.axes, rays.eye
     e1, e2, p, s = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     normal, changed = np.empty(3), np.empty(3)
@@ -125,13 +114,13 @@ def _look(
         a, b, c = surfaces.triangles[triangles[k]]
         wb, wc = float(weights[k, 0]), float(weights[k, 1])
         wa = 1.0 - wb - wc
+        sample, tint = samples[k], 255 << 24
         for n in range(3):
             value = wa * surfaces.colors[a, n] + wb * surfaces.colors[b, n] + wc * surfaces.colors[c, n]
-            tint[k, n] = np.uint8(min(max(value + 0.5, 0.0), 255.0))
+            tint |= int(min(max(value + 0.5, 0.0), 255.0)) << (8 * n)
             e1[n] = float(surfaces.positions[b, n]) - float(surfaces.positions[a, n])
             e2[n] = float(surfaces.positions[c, n]) - float(surfaces.positions[a, n])
             p[n] = float(points[k, n]) - eye[n]
-        tint[k, 3] = 255
         depth = -(axes[2, 0] * p[0] + axes[2, 1] * p[1] + axes[2, 2] * p[2])
         normal[0] = e1[1] * e2[2] - e1[2] * e2[1]
         normal[1] = e1[2] * e2[0] - e1[0] * e2[2]
@@ -142,9 +131,10 @@ def _look(
         v1 = float(surfaces.uv[b, 1]) - float(surfaces.uv[a, 1])
         u2 = float(surfaces.uv[c, 0]) - float(surfaces.uv[a, 0])
         v2 = float(surfaces.uv[c, 1]) - float(surfaces.uv[a, 1])
-        found[k, 0] = float(surfaces.uv[a, 0]) + wb * u1 + wc * u2
-        found[k, 1] = float(surfaces.uv[a, 1]) + wb * v1 + wc * v2
-        found[k, 3] = depth
+        sample.x, sample.y = first_column + pixels[k] % width, pixels[k] // width
+        sample.u = float(surfaces.uv[a, 0]) + wb * u1 + wc * u2
+        sample.v = float(surfaces.uv[a, 1]) + wb * v1 + wc * v2
+        sample.depth, sample.tint, sample.object = depth, tint, surfaces.owners[triangles[k]]
         largest = 0.0
         if area > 0.0 and abs(facing) > _GRAZING * math.sqrt(area) * depth and depth > 0.0:
             for axis in range(2):  # a pixel to the right, and one up: of the point at ``depth``, along the plane
@@ -161,4 +151,4 @@ def _look(
                 dc = (s[0] * normal[0] + s[1] * normal[1] + s[2] * normal[2]) / area
                 du, dv = (db * u1 + dc * u2) * surfaces.size[0], (db * v1 + dc * v2) * surfaces.size[1]
                 largest = max(largest, du * du + dv * dv)
-        found[k, 2] = 0.5 * math.log2(largest) + LEVEL_BIAS if largest > 0.0 else 0.0
+        sample.level = 0.5 * math.log2(largest) + LEVEL_BIAS if largest > 0.0 else 0.0

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mmi.foundation.camera import View, level_view
 from mmi.planning.parameters import BuildParameters
-from mmi.rays.horizon_map import azimuths_of, horizon_of
+from mmi.rays.horizon_map import Horizon, azimuths_of, horizon_of
 from viewer.casting.far_field import far_field_of
 from viewer.casting.frame import CastTally, cast_frame
 from viewer.casting.near_set import NearSet
@@ -70,7 +70,7 @@ class RayCasting:
         """Draw near objects, ground and sky, and finish with what rays find."""
         eye = view.eye
         near = self._far.neighbourhoods.around(eye)
-        horizon = horizon_of(self._far.heights, eye, beyond=self._rules.near_field, window=azimuths_of(_corners(view)))
+        horizon = self._far.threads.submit(self._horizon, view)  # while what is near is drawn
         flags = near.flags
         limit = limit_px(self._scene, self._rules)
         moved = math.inf if self._last is None else float(np.linalg.norm(eye - self._last))
@@ -91,7 +91,7 @@ class RayCasting:
                 depths,
                 first_column,
                 rays_of(view, first_column),
-                horizon,
+                horizon.result(),
                 panorama,
                 self._far,
                 flags,
@@ -109,11 +109,15 @@ class RayCasting:
 
         return Plan((_in_view(near, self._scene, view), self._scene.ground_in(view), Sky()), finish=finish)
 
+    def _horizon(self, view: View) -> Horizon:
+        window = azimuths_of(_corners(view))
+        return horizon_of(self._far.heights, view.eye, beyond=self._rules.near_field, window=window)
+
     def _compile(self) -> None:
         """Cast a few rays, so that nothing has to be compiled in a frame."""
         eye = self._scene.whereabouts.cells[0].reference
         view = level_view(eye, 0.0, focal=8.0, window=(-8, -8, 16, 16))
-        horizon = horizon_of(self._far.heights, eye, beyond=self._rules.near_field, window=azimuths_of(_corners(view)))
+        horizon = self._horizon(view)
         nothing = np.full((16, 16), np.inf, dtype=np.float32)
         near = self._far.neighbourhoods.around(eye).flags
         panorama = Panorama(smallest_pixel(view))

@@ -1,4 +1,5 @@
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -7,8 +8,8 @@ from hypothesis import strategies as st
 
 from mmi.foundation.camera import Camera, View, view_towards
 from mmi.rays.horizon_map import is_above
-from viewer.casting.open_pixels import CAST, COVERED, REUSED, SKY, classify, rays_of
-from viewer.casting.panorama import Found, Panorama, smallest_pixel, store
+from viewer.casting.open_pixels import CAST, COVERED, REUSED, SKY, TILE, classify, rays_of
+from viewer.casting.panorama import SAMPLE, Found, Panorama, smallest_pixel, store
 
 CAMERA = Camera(80, 60, math.radians(70.0))
 VIEW = View(np.eye(4), CAMERA.focal, CAMERA.window)
@@ -16,13 +17,20 @@ NEAR = 50.0
 NOBODY = np.zeros(4, dtype=np.bool_)
 
 
-def classified(depths, view, horizon, panorama, *, errors=None, near_objects=NOBODY, limit=5.0, own=False, rows=None):
-    found = Found(
-        np.full(depths.shape, 9, np.uint8), np.zeros(depths.shape, np.int32), np.zeros(depths.shape, np.float32)
-    )
-    classify(
+class Classified(NamedTuple):
+    state: np.ndarray
+    texel: np.ndarray
+    error: np.ndarray
+
+
+def classified(depths, view, horizon, panorama, *, errors=None, near_objects=NOBODY, limit=5.0, own=False, rows=(0, 1)):
+    """States, and the texels and errors of open pixels, as pictures (h, w). ``rows``: the first of tiles, and each n-th."""
+    room = (np.full(depths.size, 77, kind) for kind in (np.int32, np.int32, np.float32))
+    found = Found(np.full(depths.shape, 9, np.uint8), *room)
+    begin = 3 if rows[1] > 1 else 0
+    end, sky = classify(
         depths.astype(np.float32),
-        rows or (0, len(depths)),
+        *rows,
         rays_of(view),
         NEAR,
         *horizon,
@@ -32,8 +40,16 @@ def classified(depths, view, horizon, panorama, *, errors=None, near_objects=NOB
         limit,
         own,
         found,
+        begin,
     )
-    return found
+    some = slice(begin, end)
+    listed = np.sort(found.pixel[some])
+    assert np.array_equal(listed, np.flatnonzero(np.isin(found.state, (REUSED, CAST)))), "open ones, each once"
+    assert sky == (found.state == SKY).sum()
+    assert (np.delete(found.pixel, some) == 77).all(), "nothing beside the list is touched"
+    texel, error = np.zeros(depths.shape, np.int32), np.zeros(depths.shape, np.float32)
+    texel.reshape(-1)[found.pixel[some]], error.reshape(-1)[found.pixel[some]] = found.texel[some], found.error[some]
+    return Classified(found.state, texel, error)
 
 
 def directions(view):
@@ -88,15 +104,14 @@ def filled(eye, *, distance=200.0, which=1):
     view = view_towards(eye, 0.5, 0.1, focal=CAMERA.focal, window=CAMERA.window)
     rays = directions(view).reshape(-1, 3)
     count = len(rays)
+    samples = np.zeros(count, dtype=SAMPLE)
+    samples["object"] = which
     store(
         panorama.record_at(eye),
         np.ascontiguousarray(rays),
         -view.eye_from_world[2, :3],
-        np.full(count, which, dtype=np.int32),
         (rays if which < 0 else eye + distance * rays).astype(np.float32),
-        np.zeros((count, 2), dtype=np.float32),
-        np.zeros(count, dtype=np.float32),
-        np.zeros(count, dtype=np.uint32),
+        samples,
         panorama.texels,
     )
     return panorama, view
@@ -177,8 +192,9 @@ def test_own_errors_count_where_they_are_asked_for():
     assert (found.error[shown] <= 2.0).all()
 
 
-def test_only_the_rows_that_were_asked_for_are_touched():
+def test_only_the_rows_of_tiles_that_were_asked_for_are_touched():
     panorama, view = filled(EYE)
-    found = classified(OPEN, view, WALL, panorama, errors=[np.inf, 0.0], rows=(16, 32))
-    assert (found.state[16:32] == REUSED).all()
-    assert (np.delete(found.state, np.s_[16:32], axis=0) == 9).all()
+    found = classified(OPEN, view, WALL, panorama, errors=[np.inf, 0.0], rows=(1, 2))
+    mine = np.isin(np.arange(60) // TILE, (1, 3))
+    assert (found.state[mine] == REUSED).all()
+    assert (found.state[~mine] == 9).all()

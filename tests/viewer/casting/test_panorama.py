@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mmi.foundation.camera import Camera, View
-from viewer.casting.panorama import PIXEL_LEVELS, Panorama, smallest_pixel, store, texel_of
+from viewer.casting.panorama import PIXEL_LEVELS, SAMPLE, Panorama, smallest_pixel, store, texel_of
 
 CAMERA = Camera(64, 48, math.radians(60.0))
 VIEW = View(np.eye(4), CAMERA.focal, CAMERA.window)
@@ -40,17 +40,11 @@ def test_what_was_cast_is_kept_with_its_record():
     eye = np.array([10.0, 20.0, 2.0])
     record = panorama.record_at(eye)
     directions = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    store(
-        record,
-        directions,
-        np.array([0.8, 0.6, 0.0]),
-        np.array([7, -1], dtype=np.int32),
-        np.array([[130.0, 20.0, 2.0], [0.0, 1.0, 0.0]], dtype=np.float32),
-        np.array([[0.25, 0.5], [0.0, 0.0]], dtype=np.float32),
-        np.array([2.0, 0.0], dtype=np.float32),
-        np.array([0xFF102030, 0], dtype=np.uint32),
-        panorama.texels,
-    )
+    samples = np.zeros(2, dtype=SAMPLE)
+    samples[0] = (0, 0, 120.0, 0.25, 0.5, 2.0, 0xFF102030, 7)
+    samples["object"][1] = -1
+    points = np.array([[130.0, 20.0, 2.0], [0.0, 1.0, 0.0]], dtype=np.float32)
+    store(record, directions, np.array([0.8, 0.6, 0.0]), points, samples, panorama.texels)
     texels = panorama.texels
     hit, missed = (
         np.ravel_multi_index(texel_of(*one, *texels[:3])[::-1], (texels.rows, texels.columns)) for one in directions

@@ -3,8 +3,9 @@ import pytest
 
 from mmi.foundation.camera import view_towards
 from viewer.casting.open_pixels import rays_of
-from viewer.casting.panorama import Panorama, store, texel_of
+from viewer.casting.panorama import SAMPLE, Panorama, store, texel_of
 from viewer.casting.surfaces import LEVEL_BIAS, cast_pixels, shown_again, surfaces_of
+from viewer.plan import CAST_PIXEL
 
 WINDOW = (-100, -80, 200, 160)
 FOCAL = 170.0
@@ -37,9 +38,10 @@ def test_pixels_have_the_coordinates_tint_and_level_of_their_surface(scene):
     triangles, weights, points, seen = triangles[kept], weights[kept], points[kept], seen[kept]
     assert len(points) > 100
     rays = rays_of(view)
-    samples = cast_pixels(
-        np.arange(len(points)), 200, 0, triangles, weights, points.astype(np.float32), rays, surfaces_of(mesh)
-    )
+    samples = np.empty(len(points), dtype=CAST_PIXEL)
+    pixels = np.arange(len(points), dtype=np.int32)
+    cast_pixels(pixels, 200, 0, triangles, weights, points.astype(np.float32), rays, surfaces_of(mesh), samples)
+    assert (samples["tint"][:, 3] == 255).all()
     full = np.column_stack([1.0 - weights.sum(axis=1), weights])
     corners = mesh.triangles[triangles]
     assert samples["uv"] == pytest.approx((full[:, :, None] * mesh.uv[corners]).sum(axis=1), abs=1e-5)
@@ -78,26 +80,18 @@ def test_what_is_shown_again_is_what_was_cast(scene):
     triangles, weights, points = triangles[kept], weights[kept], points[kept].astype(np.float32)
     assert len(points) > 30
     surfaces, panorama = surfaces_of(mesh), Panorama(1e-3)
-    pixels = np.arange(len(points))
-    cast = cast_pixels(pixels, 200, 0, triangles, weights, points, rays_of(view), surfaces)
+    pixels = np.arange(len(points), dtype=np.int32)
+    cast, again, new = (np.empty(len(points), dtype=CAST_PIXEL) for _ in range(3))
+    cast_pixels(pixels, 200, 0, triangles, weights, points, rays_of(view), surfaces, cast)
     directions = points - eye
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    store(
-        panorama.record_at(eye),
-        directions,
-        -view.eye_from_world[2, :3],
-        cast["object"],
-        points,
-        cast["uv"],
-        cast["level"],
-        cast["tint"].view("<u4")[:, 0],
-        panorama.texels,
-    )
+    ahead = -view.eye_from_world[2, :3]
+    store(panorama.record_at(eye), directions, ahead, points, cast.view(SAMPLE), panorama.texels)
     texels = panorama.texels
     at = [texel_of(*one, texels.columns, texels.rows, texels.step) for one in directions]
     places = np.array([row * texels.columns + column for column, row in at], dtype=np.int32)
-    again = shown_again(pixels, 200, 0, places, rays_of(turned), texels)
-    new = cast_pixels(pixels, 200, 0, triangles, weights, points, rays_of(turned), surfaces)
+    shown_again(pixels, 200, 0, places, rays_of(turned), texels, again)
+    cast_pixels(pixels, 200, 0, triangles, weights, points, rays_of(turned), surfaces, new)
     own = np.array([(places == place).sum() == 1 for place in places])  # some share a texel with another
     assert own.sum() > 30
     again, new = again[own], new[own]
