@@ -222,7 +222,8 @@ class Request:
 
 Finish = Callable[[NDArray[np.float32], int], tuple[Draw, ...]]
 """What a plan does with the depths (h, w), metres along the view's axis and infinite for sky, of what its draws have shown: it
-returns what is drawn over that. Where a frame takes some of the view's columns only, the second number is the first of them.
+returns what is drawn over that, and does not keep them. Where a frame takes some of the view's columns only, the second number
+is the first of them.
 """
 
 

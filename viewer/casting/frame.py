@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mmi.foundation.kernels import kernel
 from mmi.rays.horizon_map import Horizon
 from viewer.casting.far_field import FarField
 from viewer.casting.open_pixels import CAST, REUSED, TILE, Rays, classify
@@ -95,11 +96,15 @@ def worst_first(errors: NDArray[np.float32], count: int) -> NDArray[np.int64]:
     return np.sort(np.concatenate([worse, equal[np.arange(left) * len(equal) // left]]))
 
 
+@kernel(error_model="numpy", nogil=True)
 def directions_of(pixels: NDArray[np.int32], width: int, rays: Rays) -> NDArray[np.float64]:
     """(n, 3) unit directions, world, through the middles of ``pixels`` (n,), places in a picture of ``width`` columns."""
-    x, y = (rays.left + pixels % width) / rays.focal, -(rays.top + pixels // width) / rays.focal
-    found = x[:, None] * rays.axes[0] + y[:, None] * rays.axes[1] - rays.axes[2]
-    unit: NDArray[np.float64] = found / np.sqrt(x * x + y * y + 1.0)[:, None]
+    unit = np.empty((len(pixels), 3))
+    for k in range(len(pixels)):
+        x, y = (rays.left + pixels[k] % width) / rays.focal, -(rays.top + pixels[k] // width) / rays.focal
+        scale = 1.0 / math.sqrt(x * x + y * y + 1.0)
+        for n in range(3):
+            unit[k, n] = scale * (x * rays.axes[0, n] + y * rays.axes[1, n] - rays.axes[2, n])
     return unit
 
 
@@ -168,35 +173,18 @@ def cast_frame(
     rayless = np.ones(len(pixels), dtype=np.bool_)  # shown as they are known
     rayless[chosen] = False
 
-    directions = directions_of(pixels[chosen], width, rays)
-    hits = far.caster.first_hits(rays.eye, directions, nearest=rules.near_field, pixel_angle=1.0 / rays.focal)
-    struck = np.flatnonzero(hits.triangle >= 0)
-    points = directions.astype(np.float32)
-    points[struck] = rays.eye + directions[struck] * hits.distance[struck, None].astype(np.float64)
     shown = np.flatnonzero(rayless & (texel >= 0))
     kept = float(error[shown].max(initial=0.0))
-    objects = panorama.texels.map["object"][texel[shown]]
-    shown = shown[(objects >= 0) & ~near_objects[objects]]  # near objects are drawn where they are now
-    samples = np.empty(len(struck) + len(shown), dtype=CAST_PIXEL)
-    fresh, old = samples[: len(struck)], samples[len(struck) :]
-    shown_again(pixels[shown], width, first_column, texel[shown], rays, panorama.texels, old)
-    cast_pixels(
-        pixels[chosen[struck]],
-        width,
-        first_column,
-        hits.triangle[struck],
-        hits.weights[struck],
-        points[struck],
-        rays,
-        far.surfaces,
-        fresh,
+    again = far.threads.submit(  # while rays are cast
+        shown_again, pixels[shown], width, first_column, texel[shown], near_objects, rays, panorama.texels
     )
+    directions = directions_of(pixels[chosen], width, rays)
+    hits = far.caster.first_hits(rays.eye, directions, nearest=rules.near_field, pixel_angle=1.0 / rays.focal)
+    looks, points = cast_pixels(pixels[chosen], width, first_column, directions, hits, rays, far.surfaces)
+    fresh = looks[hits.triangle >= 0]
+    old = again.result()  # before what it shows is overwritten
     if len(chosen):
-        record, ahead, missed = panorama.record_at(rays.eye), -rays.axes[2], np.flatnonzero(hits.triangle < 0)
-        nothing = np.zeros(len(missed), dtype=SAMPLE)
-        nothing["object"] = -1
-        for some, looks in ((struck, fresh.view(SAMPLE)), (missed, nothing)):
-            store(record, directions[some], ahead, points[some], looks, panorama.texels)
+        store(panorama.record_at(rays.eye), directions, -rays.axes[2], points, looks.view(SAMPLE), panorama.texels)
     left = wanted[rayless[wanted]]
     known = int((texel[left] >= 0).sum())
     sky = sum(some for *_, some in parts)
@@ -205,10 +193,12 @@ def cast_frame(
         covered=depths.size - sky - len(pixels),
         sky=sky,
         reused=int(rayless.sum()) - len(left),
-        hit=len(struck),
-        missed=len(chosen) - len(struck),
+        hit=len(fresh),
+        missed=len(chosen) - len(fresh),
         late=known,
         unknown=len(left) - known,
         kept_px=kept,
     )
+    whole = np.dtype(("V", CAST_PIXEL.itemsize))  # copied several times as fast as field by field
+    samples = np.concatenate([fresh.view(whole), old.view(whole)]).view(CAST_PIXEL)
     return CastPixels(samples, len(fresh)), tally

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from mmi.foundation.camera import View
 from mmi.foundation.kernels import kernel
 from mmi.rays.horizon_map import is_above
+from viewer.casting.angles import angle_of
 from viewer.casting.panorama import Found, Texels, texel_of
 
 __all__ = ["CAST", "COVERED", "REUSED", "SKY", "TILE", "Rays", "classify", "rays_of"]
@@ -57,7 +58,7 @@ def rays_of(view: View, first_column: int = 0) -> Rays:
     return Rays(axes, view.eye, float(view.focal), left + first_column + 0.5, top + 0.5)
 
 
-@kernel(nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def classify(
     depths: NDArray[np.float32],
     first_row: int,
@@ -120,7 +121,7 @@ def classify(
     return end, sky
 
 
-@kernel(nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def _is_near(
     depths: NDArray[np.float32], top: int, bottom: int, left: int, right: int, rays: Rays, near: float
 ) -> bool:
@@ -138,7 +139,7 @@ def _is_near(
     return beyond == 0
 
 
-@kernel(nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def _all_above(depths: NDArray[np.float32], top: int, bottom: int, left: int, right: int, found: Found) -> int:
     """A tile that is above the horizon: how many of its pixels are sky, those that nothing near covers."""
     sky = 0
@@ -150,7 +151,7 @@ def _all_above(depths: NDArray[np.float32], top: int, bottom: int, left: int, ri
     return sky
 
 
-@kernel(nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def _steepest(
     top: int,
     bottom: int,
@@ -176,7 +177,7 @@ def _steepest(
         if level <= 1e-6:
             return np.inf, -np.inf
         least = min(least, dz / level if dz > 0.0 else -np.inf)
-        turn = math.atan2(dy, dx)
+        turn = angle_of(dy, dx)
         if k == 0:
             start = turn
         aside = turn - start
@@ -192,7 +193,7 @@ def _steepest(
     return slopes[column : last + 1].max(), least
 
 
-@kernel(nogil=True, inline="always")
+@kernel(error_model="numpy", nogil=True, inline="always")
 def _direction(x: float, y: float, axes: NDArray[np.float64]) -> tuple[float, float, float]:
     """The point at depth 1 that is ``x`` to the right and ``y`` above the middle."""
     return (
@@ -202,7 +203,7 @@ def _direction(x: float, y: float, axes: NDArray[np.float64]) -> tuple[float, fl
     )
 
 
-@kernel(nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def _each(
     depths: NDArray[np.float32],
     top: int,
@@ -226,7 +227,7 @@ def _each(
     """Find out what each pixel of a tile needs, and add those that are open to the list that has come to ``end``: where it has
     come to now, and how many are sky. The horizon is nowhere steeper in the tile than ``steep``.
     """
-    eye, focal = rays.eye, rays.focal
+    eye, focal, per_column = rays.eye, rays.focal, 1.0 / texels.step
     sky = 0
     for i in range(top, bottom):
         y = -(rays.top + i) / focal
@@ -238,29 +239,30 @@ def _each(
                 found.state[i, j] = COVERED
                 continue
             dx, dy, dz = _direction(x, y, rays.axes)
-            dx, dy, dz = dx / length, dy / length, dz / length
             is_open = drawn == np.inf
             level = math.sqrt(dx * dx + dy * dy)
             above, turn = steep == -np.inf or dz > steep * level, 0.0
             if not above:
-                turn = math.atan2(dy, dx)
+                turn = angle_of(dy, dx)
                 above = is_above(slopes, first, per_radian, turn, level, dz)
             if above:
                 found.state[i, j] = SKY if is_open else COVERED
                 sky += is_open
                 continue
-            column = min(int((turn + math.pi) / texels.step), texels.columns - 1)
-            row = min(int((math.atan2(dz, level) + 0.5 * math.pi) / texels.step), texels.rows - 1)
+            column = min(int((turn + math.pi) * per_column), texels.columns - 1)
+            row = min(int((angle_of(dz, level) + 0.5 * math.pi) * per_column), texels.rows - 1)
             texel = row * texels.columns + column
+            shrink = 1.0 / length
+            dx, dy, dz = shrink * dx, shrink * dy, shrink * dz
             off = _off(texels.map[texel], dx, dy, dz, eye, record_error, near_objects, is_open)
-            if off > texels.step:  # few are
+            if off > texels.step * texels.step:  # few are
                 texel, off = _best(dx, dy, dz, column, row, eye, texels, record_error, near_objects, is_open)
             found.pixel[end] = i * depths.shape[1] + j
             if texel < 0:
                 found.state[i, j], found.texel[end], found.error[end] = CAST, -1, np.inf
                 end += 1
                 continue
-            off *= focal
+            off = focal * math.sqrt(off)
             own = own_errors and texels.map[texel].object >= 0
             error = off if own else record_error[texels.map[texel].record]
             if error > (max(limit, _ROUNDING_PX) if own else limit) or off > error + _ROUNDING_PX:
@@ -276,7 +278,7 @@ def _each(
     return end, sky
 
 
-@kernel(nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def _off(
     texel: Any,  # noqa: ANN401  a record of the map, as Numba has it
     dx: float,
@@ -287,7 +289,8 @@ def _off(
     near_objects: NDArray[np.bool_],
     is_open: bool,
 ) -> float:
-    """The chord from a unit direction to that in which a texel's point is seen, infinite where it must not be shown.
+    """The square of the chord from a unit direction to that in which a texel's point is seen, to 1e-15; infinite where it must
+    not be shown.
 
     Points of near objects are drawn where the viewer sees them, so that an open pixel shows none of them.
     """
@@ -298,11 +301,11 @@ def _off(
         if is_open and near_objects[texel.object]:
             return np.inf
         px, py, pz = px - eye[0], py - eye[1], pz - eye[2]
-    scale = 1.0 / math.sqrt(px * px + py * py + pz * pz)
-    return math.sqrt((px * scale - dx) ** 2 + (py * scale - dy) ** 2 + (pz * scale - dz) ** 2)
+    cosine = (px * dx + py * dy + pz * dz) / math.sqrt(px * px + py * py + pz * pz)
+    return max(2.0 - 2.0 * cosine, 0.0)
 
 
-@kernel(nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def _best(
     dx: float,
     dy: float,
@@ -315,17 +318,17 @@ def _best(
     near_objects: NDArray[np.bool_],
     is_open: bool,
 ) -> tuple[int, float]:
-    """The texel whose point is seen nearest to a direction, and how far off it is; -1 where there is none.
+    """The texel whose point is seen nearest to a direction, and the square of how far off it is; -1 where there is none.
 
     It is looked for at ``column`` and ``row``, where the direction goes to, around there, and where what is found would be.
     """
     columns, rows, step = texels.columns, texels.rows, texels.step
-    best, least = -1, np.inf
+    best, least, near = -1, np.inf, step * step
     tx, ty, tz = dx, dy, dz
     for correction in range(_CORRECTIONS + 1):
         met = -1
         for k in range(10):  # the texel itself, then those around it
-            if k > 0 and met >= 0 and least <= step:
+            if k > 0 and met >= 0 and least <= near:
                 break
             c, r = column, row
             if k > 0:
@@ -336,7 +339,7 @@ def _best(
             off = _off(texels.map[place], dx, dy, dz, eye, record_error, near_objects, is_open)
             if off < least:
                 best, least, met = place, off, place
-        if met < 0 or least <= step or correction == _CORRECTIONS:
+        if met < 0 or least <= near or correction == _CORRECTIONS:
             break
         texel = texels.map[met]
         if texel.object < 0:

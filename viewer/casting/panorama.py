@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 from mmi.foundation.kernels import kernel
+from viewer.casting.angles import angle_of
 
 __all__ = ["PIXEL_LEVELS", "SAMPLE", "TEXEL", "Found", "Panorama", "Texels", "smallest_pixel", "store", "texel_of"]
 
@@ -144,15 +145,16 @@ class Panorama:
         return self._dropped + len(self._eyes)
 
 
-@kernel(nogil=True, inline="always")
+@kernel(error_model="numpy", nogil=True, inline="always")
 def texel_of(dx: float, dy: float, dz: float, columns: int, rows: int, step: float) -> tuple[int, int]:
     """Column and row of the texel of a direction of any length but 0."""
-    column = int((math.atan2(dy, dx) + math.pi) / step)
-    row = int((math.atan2(dz, math.sqrt(dx * dx + dy * dy)) + 0.5 * math.pi) / step)
+    per_column = 1.0 / step
+    column = int((angle_of(dy, dx) + math.pi) * per_column)
+    row = int((angle_of(dz, math.sqrt(dx * dx + dy * dy)) + 0.5 * math.pi) * per_column)
     return min(column, columns - 1), min(row, rows - 1)
 
 
-@kernel(nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def store(
     record: int,
     directions: NDArray[np.float64],

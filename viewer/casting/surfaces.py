@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 
 from mmi.appearance.city_mesh import CityMesh
 from mmi.foundation.kernels import kernel
+from mmi.rays.hits import Hits
 from viewer.casting.open_pixels import Rays
 from viewer.casting.panorama import PIXEL_LEVELS, SAMPLE, Texels
+from viewer.plan import CAST_PIXEL
 
 __all__ = ["LEVEL_BIAS", "Surfaces", "cast_pixels", "shown_again", "surfaces_of"]
 
@@ -46,17 +48,20 @@ def cast_pixels(
     pixels: NDArray[np.int32],
     width: int,
     first_column: int,
-    triangles: NDArray[np.int32],
-    weights: NDArray[np.float32],
-    points: NDArray[np.float32],
+    directions: NDArray[np.float64],
+    hits: Hits,
     rays: Rays,
     surfaces: Surfaces,
-    samples: NDArray[np.void],
-) -> None:
-    """Fill in ``samples`` (n,) of ``CAST_PIXEL`` for ``pixels`` (n,), places in a picture of ``width`` columns from a view's
-    ``first_column`` on. They show ``points`` (n, 3), world, of ``triangles`` (n,) at barycentric ``weights`` (n, 2).
+) -> tuple[NDArray[np.void], NDArray[np.float32]]:
+    """``CAST_PIXEL`` (n,) for ``pixels`` (n,), places in a picture of ``width`` columns from a view's ``first_column`` on, that
+    show what rays in unit ``directions`` (n, 3) have hit; and the points (n, 3), world.
+
+    Where a ray has hit nothing, the object is -1 and the point is its direction.
     """
-    _look(pixels, width, first_column, triangles, weights, points, rays, surfaces, samples.view(SAMPLE))
+    samples, points = np.zeros(len(pixels), dtype=CAST_PIXEL), directions.astype(np.float32)
+    found = (hits.triangle, hits.distance, hits.weights)
+    _look(pixels, width, first_column, directions, found, rays, surfaces, points, samples.view(SAMPLE))
+    return samples, points
 
 
 def shown_again(
@@ -64,27 +69,37 @@ def shown_again(
     width: int,
     first_column: int,
     places: NDArray[np.int32],
+    near_objects: NDArray[np.bool_],
     rays: Rays,
     texels: Texels,
-    samples: NDArray[np.void],
-) -> None:
-    """Fill in ``samples`` (n,) as :func:`cast_pixels` does, which show ``places`` (n,) of a panorama's map."""
-    _show(pixels, width, first_column, places, rays, texels, samples.view(SAMPLE))
+) -> NDArray[np.void]:
+    """``CAST_PIXEL`` as :func:`cast_pixels` has them, for those of ``pixels`` (n,) that show something of the panorama's
+    ``places`` (n,): no near objects (all objects,), as they are drawn where they are now.
+    """
+    samples = np.empty(len(pixels), dtype=CAST_PIXEL)
+    return samples[: _show(pixels, width, first_column, places, near_objects, rays, texels, samples.view(SAMPLE))]
 
 
-@kernel(nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def _show(
     pixels: NDArray[np.int32],
     width: int,
     first_column: int,
     places: NDArray[np.int32],
+    near_objects: NDArray[np.bool_],
     rays: Rays,
     texels: Texels,
     samples: NDArray[np.void],
-) -> None:
+) -> int:
+    """Fill in samples from the first on; how many there are."""
     axes, eye = rays.axes, rays.eye
+    count = 0
     for k in range(len(places)):
-        texel, sample = texels.map[places[k]], samples[k]
+        texel = texels.map[places[k]]
+        if texel.object < 0 or near_objects[texel.object]:
+            continue
+        sample = samples[count]
+        count += 1
         x, y, z = texel.x - eye[0], texel.y - eye[1], texel.z - eye[2]
         depth = -(axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z)
         cosine = depth / math.sqrt(x * x + y * y + z * z)
@@ -92,35 +107,41 @@ def _show(
         sample.depth, sample.u, sample.v = depth, texel.u, texel.v
         sample.level = texel.level + PIXEL_LEVELS * math.log2(max(cosine, 1e-6))
         sample.tint, sample.object = texel.tint, texel.object
+    return count
 
 
-@kernel(nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def _look(
     pixels: NDArray[np.int32],
     width: int,
     first_column: int,
-    triangles: NDArray[np.int32],
-    weights: NDArray[np.float32],
-    points: NDArray[np.float32],
+    directions: NDArray[np.float64],
+    hits: tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]],
     rays: Rays,
     surfaces: Surfaces,
+    points: NDArray[np.float32],
     samples: NDArray[np.void],
 ) -> None:
-    """Place, texture coordinates, level, tint and depth of each sample."""
-    axes, eye = rays.axes, rays.eye
+    """Fill in samples, which are zeros, and where rays have hit something the points."""
+    axes, eye, (triangles, distances, weights) = rays.axes, rays.eye, hits
     e1, e2, p, s = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     normal, changed = np.empty(3), np.empty(3)
-    for k in range(len(triangles)):
-        a, b, c = surfaces.triangles[triangles[k]]
+    for k in range(len(pixels)):
+        triangle, sample = triangles[k], samples[k]
+        if triangle < 0:
+            sample.object = -1
+            continue
+        a, b, c = surfaces.triangles[triangle]
         wb, wc = float(weights[k, 0]), float(weights[k, 1])
-        wa = 1.0 - wb - wc
-        sample, tint = samples[k], 255 << 24
+        wa, away = 1.0 - wb - wc, float(distances[k])
+        tint = 255 << 24
         for n in range(3):
             value = wa * surfaces.colors[a, n] + wb * surfaces.colors[b, n] + wc * surfaces.colors[c, n]
             tint |= int(min(max(value + 0.5, 0.0), 255.0)) << (8 * n)
             e1[n] = float(surfaces.positions[b, n]) - float(surfaces.positions[a, n])
             e2[n] = float(surfaces.positions[c, n]) - float(surfaces.positions[a, n])
-            p[n] = float(points[k, n]) - eye[n]
+            p[n] = away * directions[k, n]
+            points[k, n] = eye[n] + p[n]
         depth = -(axes[2, 0] * p[0] + axes[2, 1] * p[1] + axes[2, 2] * p[2])
         normal[0] = e1[1] * e2[2] - e1[2] * e2[1]
         normal[1] = e1[2] * e2[0] - e1[0] * e2[2]
@@ -134,7 +155,7 @@ def _look(
         sample.x, sample.y = first_column + pixels[k] % width, pixels[k] // width
         sample.u = float(surfaces.uv[a, 0]) + wb * u1 + wc * u2
         sample.v = float(surfaces.uv[a, 1]) + wb * v1 + wc * v2
-        sample.depth, sample.tint, sample.object = depth, tint, surfaces.owners[triangles[k]]
+        sample.depth, sample.tint, sample.object = depth, tint, surfaces.owners[triangle]
         largest = 0.0
         if area > 0.0 and abs(facing) > _GRAZING * math.sqrt(area) * depth and depth > 0.0:
             for axis in range(2):  # a pixel to the right, and one up: of the point at ``depth``, along the plane

@@ -42,6 +42,7 @@ class Targets:
         self._colors: dict[bool, Any] = {}
         self._lines: dict[bool, Any] = {}
         self._probe: Any = None
+        self._depths = np.empty((0, 0), np.float32), np.empty((0, 0), np.float32)
         self._make(measured=False)
         self.resolved: Any = self._context.texture(size, 4)
         """Colours without samples, after :meth:`resolve`."""
@@ -114,7 +115,7 @@ class Targets:
     def depths(self, *, measured: bool) -> NDArray[np.float32]:
         """(h, w) metres along the axis to what was drawn so far, as exact as the depth buffer, infinite for sky; top row first.
 
-        Of a multisampled picture, those of one sample a pixel.
+        Of a multisampled picture, those of one sample a pixel. The array is the next picture's as well: new memory takes time.
         """
         source = self._whole[measured]
         if self._programs.smooth(measured):
@@ -124,9 +125,14 @@ class Targets:
                 )
             self._context.copy_framebuffer(self._probe, source)
             source = self._probe
-        found = _along_axis(self._read(source, -1, 1, "f4"), NEAR, FAR)
+        (first, end), height = self._columns, self.size[1]
+        if self._depths[0].shape != (height, end - first):
+            self._depths = np.empty((height, end - first), np.float32), np.empty((height, end - first), np.float32)
+        shares, metres = self._depths
+        source.read_into(shares, (first, 0, end - first, height), components=1, attachment=-1, alignment=1, dtype="f4")
+        _along_axis(shares[::-1], NEAR, FAR, metres)
         self._whole[measured].use()
-        return found
+        return metres
 
     def measures(self) -> Measures:
         """What the measured picture says besides colours, the top row first."""
@@ -172,7 +178,7 @@ class Targets:
         return np.frombuffer(data, dtype=dtype).reshape(self.size[1], -1)[::-1]
 
 
-@kernel(nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def _surfaces(surface: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Depth and displacement (h, w) of what was drawn as (h, w, 2); infinite and NaN where there are none."""
     height, width, _ = surface.shape
@@ -184,13 +190,13 @@ def _surfaces(surface: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArra
     return depth, displacement
 
 
-@kernel(nogil=True)
-def _along_axis(buffer: NDArray[np.float32], near: float, far: float) -> NDArray[np.float32]:
-    """(h, w) metres along the axis of what a depth buffer holds; infinite where nothing, or only sky, was drawn."""
+@kernel(error_model="numpy", nogil=True)
+def _along_axis(buffer: NDArray[np.float32], near: float, far: float, found: NDArray[np.float32]) -> None:
+    """Metres along the axis of what a depth buffer holds, into ``found`` (h, w); infinite where nothing, or only sky, was
+    drawn.
+    """
     height, width = buffer.shape
-    found = np.empty((height, width), np.float32)
     for i in range(height):
         for j in range(width):
             share = buffer[i, j]
             found[i, j] = np.inf if share >= _SKY_SHARE else near * far / (far - share * (far - near))
-    return found

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from mmi.foundation.camera import view_towards
+from mmi.rays.hits import Hits, no_hits
 from viewer.casting.open_pixels import rays_of
 from viewer.casting.panorama import SAMPLE, Panorama, store, texel_of
 from viewer.casting.surfaces import LEVEL_BIAS, cast_pixels, shown_again, surfaces_of
-from viewer.plan import CAST_PIXEL
 
 WINDOW = (-100, -80, 200, 160)
 FOCAL = 170.0
@@ -29,6 +29,22 @@ def uv_at(mesh, triangle, origin, direction):
     return ua + w[0] * (ub - ua) + w[1] * (uc - ua)
 
 
+def along(points, eye, triangles, weights):
+    """Unit directions to points from where they are seen, and hits that say so."""
+    ways = points - eye
+    away = np.linalg.norm(ways, axis=1)
+    return ways / away[:, None], Hits(triangles, away.astype(np.float32), weights)
+
+
+def test_a_ray_that_hits_nothing_has_no_object_and_its_direction(scene):
+    view = view_towards(np.array([0.0, 0.0, 1.7]), 0.4, 0.1, focal=FOCAL, window=WINDOW)
+    pixels = np.array([7, 8], dtype=np.int32)
+    directions = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0]])
+    samples, points = cast_pixels(pixels, 200, 0, directions, no_hits(2), rays_of(view), surfaces_of(scene.mesh))
+    assert samples["object"].tolist() == [-1, -1]
+    assert points == pytest.approx(directions, abs=1e-7)
+
+
 def test_pixels_have_the_coordinates_tint_and_level_of_their_surface(scene):
     mesh, rng = scene.mesh, np.random.default_rng(5)
     view = view_towards(np.array([0.0, 0.0, 1.7]), 0.4, 0.1, focal=FOCAL, window=WINDOW)
@@ -38,9 +54,9 @@ def test_pixels_have_the_coordinates_tint_and_level_of_their_surface(scene):
     triangles, weights, points, seen = triangles[kept], weights[kept], points[kept], seen[kept]
     assert len(points) > 100
     rays = rays_of(view)
-    samples = np.empty(len(points), dtype=CAST_PIXEL)
     pixels = np.arange(len(points), dtype=np.int32)
-    cast_pixels(pixels, 200, 0, triangles, weights, points.astype(np.float32), rays, surfaces_of(mesh), samples)
+    samples, shown = cast_pixels(pixels, 200, 0, *along(points, view.eye, triangles, weights), rays, surfaces_of(mesh))
+    assert shown == pytest.approx(points, abs=1e-4)
     assert (samples["tint"][:, 3] == 255).all()
     full = np.column_stack([1.0 - weights.sum(axis=1), weights])
     corners = mesh.triangles[triangles]
@@ -81,17 +97,19 @@ def test_what_is_shown_again_is_what_was_cast(scene):
     assert len(points) > 30
     surfaces, panorama = surfaces_of(mesh), Panorama(1e-3)
     pixels = np.arange(len(points), dtype=np.int32)
-    cast, again, new = (np.empty(len(points), dtype=CAST_PIXEL) for _ in range(3))
-    cast_pixels(pixels, 200, 0, triangles, weights, points, rays_of(view), surfaces, cast)
-    directions = points - eye
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions, hits = along(points, eye, triangles, weights)
+    cast, points = cast_pixels(pixels, 200, 0, directions, hits, rays_of(view), surfaces)
     ahead = -view.eye_from_world[2, :3]
     store(panorama.record_at(eye), directions, ahead, points, cast.view(SAMPLE), panorama.texels)
     texels = panorama.texels
     at = [texel_of(*one, texels.columns, texels.rows, texels.step) for one in directions]
     places = np.array([row * texels.columns + column for column, row in at], dtype=np.int32)
-    shown_again(pixels, 200, 0, places, rays_of(turned), texels, again)
-    cast_pixels(pixels, 200, 0, triangles, weights, points, rays_of(turned), surfaces, new)
+    nobody = np.zeros(len(mesh.triangle_counts), dtype=np.bool_)
+    again = shown_again(pixels, 200, 0, places, nobody, rays_of(turned), texels)
+    assert not len(shown_again(pixels, 200, 0, places, ~nobody, rays_of(turned), texels)), (
+        "they are drawn where they are"
+    )
+    new, _ = cast_pixels(pixels, 200, 0, directions, hits, rays_of(turned), surfaces)
     own = np.array([(places == place).sum() == 1 for place in places])  # some share a texel with another
     assert own.sum() > 30
     again, new = again[own], new[own]

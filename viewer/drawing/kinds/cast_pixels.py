@@ -133,7 +133,7 @@ class CastPixelsDrawer:
         self._tiles = self._context.buffer(reserve=4 * self._rows * _ACROSS, dynamic=True)
 
 
-@kernel(nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def _sort(
     pixel: NDArray[np.uint16],
     samples: NDArray[np.void],
