@@ -74,6 +74,7 @@ class CastPixelsDrawer:
         self._programs = {False: programs.make(_NUMBERS + _VERTEX, _NUMBERS + _FRAGMENT)}
         self._rows = 0
         self._textures: tuple[Any, Any] = (None, None)
+        self._kept = np.empty((0, 4), dtype=np.float32), np.empty((0, 2), dtype=np.int32)
         self._tiles: Any = None
         self._arrays: dict[tuple[bool, bool], Any] = {}
 
@@ -83,28 +84,29 @@ class CastPixelsDrawer:
         """Draw pixels (n,) of a picture of ``size`` in a call, tinted with ``ink`` if there is one: two triangles a tile."""
         if not len(samples):
             return []
-        pixel = samples["pixel"]
         columns = -(-size[0] // _TILE)
-        tile = (pixel[:, 1] // _TILE).astype(np.int32) * columns + pixel[:, 0] // _TILE
         slots = np.full(columns * -(-size[1] // _TILE), -1, dtype=np.int32)
-        used = np.flatnonzero(np.bincount(tile, minlength=len(slots)))
-        slots[used] = np.arange(len(used), dtype=np.int32)
-        rows = -(-len(used) // _ACROSS)
-        casts = np.zeros((rows * _ACROSS * _TILE * _TILE, 4), dtype=np.float32)
-        others = np.empty((len(casts), 2), dtype=np.int32)
-        _sort(pixel, samples, samples["uv"], samples["tint"], slots[tile], casts, others)
+        count = _slots(samples["pixel"], columns, slots)
+        rows = -(-count // _ACROSS)
         self._make_room(rows)
+        end = rows * _ACROSS * _TILE * _TILE
+        casts, others = self._kept[0][:end], self._kept[1][:end]
+        casts[:, 3] = 0.0  # none of them
+        _sort(samples["pixel"], samples, samples["uv"], samples["tint"], columns, slots, casts, others)
         for unit, (texture, values) in enumerate(zip(self._textures, (casts, others), strict=True), 1):
             texture.write(values, viewport=(0, 0, _ACROSS * _TILE * _TILE, rows))
             texture.use(unit)
-        self._tiles.write(np.column_stack([used % columns, used // columns]).astype("<u2"))
+        used = np.flatnonzero(slots >= 0)
+        tiles = np.empty((count, 2), dtype="<u2")
+        tiles[slots[used]] = np.column_stack([used % columns, used // columns])
+        self._tiles.write(tiles)
         told = {"size": np.array(size, dtype="<f4").tobytes()}
         if ink is not None:
             told["ink"] = ink_bytes(ink)
         self._program(ink is not None, measured).set(told)
         self._texture.use(0)
-        self._array(ink is not None, measured).render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(used))
-        return [2 * len(used)]
+        self._array(ink is not None, measured).render(moderngl.TRIANGLE_STRIP, vertices=4, instances=count)
+        return [2 * count]
 
     def _program(self, tinted: bool, measured: bool) -> Program:
         if tinted not in self._programs:
@@ -130,7 +132,21 @@ class CastPixelsDrawer:
         self._textures = self._context.texture(size, 4, dtype="f4"), self._context.texture(size, 2, dtype="i4")
         for texture in self._textures:
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        count = size[0] * size[1]
+        self._kept = np.empty((count, 4), dtype=np.float32), np.empty((count, 2), dtype=np.int32)
         self._tiles = self._context.buffer(reserve=4 * self._rows * _ACROSS, dynamic=True)
+
+
+@kernel(error_model="numpy", nogil=True)
+def _slots(pixel: NDArray[np.uint16], columns: int, slots: NDArray[np.int32]) -> int:
+    """Give each tile that has one of the pixels a slot, in ``slots`` of tiles, -1 for none; how many have one."""
+    count = 0
+    for k in range(len(pixel)):
+        tile = pixel[k, 1] // _TILE * columns + pixel[k, 0] // _TILE
+        if slots[tile] < 0:
+            slots[tile] = count
+            count += 1
+    return count
 
 
 @kernel(error_model="numpy", nogil=True)
@@ -139,14 +155,16 @@ def _sort(
     samples: NDArray[np.void],
     uv: NDArray[np.float32],
     tint: NDArray[np.uint8],
+    columns: int,
     slots: NDArray[np.int32],
     casts: NDArray[np.float32],
     others: NDArray[np.int32],
 ) -> None:
-    """Put each sample into its tile's place of both textures; ``slots`` (n,) are those of their tiles."""
-    for k in range(len(slots)):
+    """Put each sample into its tile's place of both textures; ``slots`` are those of all tiles."""
+    for k in range(len(pixel)):
         x, y = pixel[k, 0] % _TILE, pixel[k, 1] % _TILE
-        place = slots[k] * _TILE * _TILE + y * _TILE + x
+        tile = pixel[k, 1] // _TILE * columns + pixel[k, 0] // _TILE
+        place = slots[tile] * _TILE * _TILE + y * _TILE + x
         casts[place, 0], casts[place, 1] = uv[k, 0], uv[k, 1]
         casts[place, 2], casts[place, 3] = samples[k].level, samples[k].depth
         others[place, 0] = samples[k].object
