@@ -64,6 +64,7 @@ def test_a_dataset_is_compared_with_its_geometry(built, capsys, tmp_path):
     assert "multi-mesh  wrong 0.0" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_walk_of_ones_own_is_drawn(built, capsys, tmp_path):
     times = load("a_walk_of_ones_own").main(built[0], tmp_path / "walk.png")
     assert len(times) > 10
@@ -84,6 +85,7 @@ def test_plots_of_ones_own_are_written(built, tmp_path):
     assert all(bar.get_width() > 0.0 for bar in depths.axes[0].patches)
 
 
+@pytest.mark.slow
 def test_a_technique_of_ones_own_is_compared(built, capsys, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(EXAMPLES)
     report = importlib.import_module("a_technique_of_ones_own").main(built[0], tmp_path / "comparison", views=3)
@@ -95,6 +97,7 @@ def test_a_technique_of_ones_own_is_compared(built, capsys, tmp_path, monkeypatc
     assert "within 100 m " in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_weight_of_ones_own_is_used_by_workers_and_recorded(monkeypatch, tmp_path):
     monkeypatch.syspath_prepend(EXAMPLES)  # as for a script that is run, or PYTHONPATH
     own = importlib.import_module("a_weight_of_ones_own")
@@ -143,6 +146,7 @@ def test_there_are_examples():
     assert len(list(EXAMPLES.glob("*.py"))) >= 3
 
 
+@pytest.mark.slow
 def test_the_first_stages_become_pictures(capsys, tmp_path):
     pictures = tmp_path / "cells.png", tmp_path / "visibility.png"
     load("stages", EXAMPLES.parent / "docs" / "pictures").main(HELSINKI, *pictures)

@@ -41,6 +41,7 @@ async def run_notebook(path):
     return shown, names
 
 
+@pytest.mark.slow
 def test_a_first_look_builds_looks_compares_and_opens_the_viewer(tmp_path, monkeypatch, capsys):
     (tmp_path / "examples" / "helsinki").mkdir(parents=True)
     shutil.copy(HELSINKI, tmp_path / "examples" / "helsinki")

@@ -5,6 +5,7 @@ import shlex
 
 import pytest
 from cities import HELSINKI, real
+from selection import with_slow
 
 from mmi.dataset.reading import open_dataset
 from mmi.programs.build_impostors import build_impostors
@@ -103,6 +104,10 @@ BUILDS = {
     "plant": ("data:stress_doua_heating_plant", 10, {}),
 }
 SLOW = {
+    "Rotterdam",
+    "nyc",
+    "paris",
+    "paris, derived",
     "london",
     "porto",
     "lorient with its hills",
@@ -115,9 +120,7 @@ SLOW = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in BUILDS]
-)
+@pytest.mark.parametrize("name", with_slow(BUILDS, SLOW))
 def test_it_builds_and_says_what_was_mended(capsys, tmp_path, name):
     line, objects, expected = BUILDS[name]
     status, out, err = run(capsys, *arguments_of(line), "-o", tmp_path / "out", *FEW)

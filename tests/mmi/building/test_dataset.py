@@ -14,6 +14,7 @@ import pytest
 import shapely
 from cities import block, crossroads
 from hills import hilly_city
+from selection import with_slow
 
 from mmi.building.cell_choice import choose_cells
 from mmi.building.dataset import build_dataset
@@ -103,7 +104,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", with_slow([1, 2], {1}))
 def test_a_killed_build_ends_like_an_undisturbed_one(built, tmp_path, workers):
     script = tmp_path / "build.py"
     script.write_text(SCRIPT.format(paths=PATHS))

@@ -8,6 +8,7 @@ import pytest
 from cities import crossroads
 from manifests import sign_again
 from PIL import Image
+from selection import with_slow
 from test_dataset import PARAMETERS, contents
 
 from mmi.building.dataset import build_dataset
@@ -99,7 +100,7 @@ def test_plots_show_what_was_captured_all_the_same(whole, bare, tmp_path):
         assert one.shape == two.shape and np.abs(one - two).mean() < 1.0, "but for WebP's loss"
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", with_slow([1, 2], {2}))
 def test_a_folder_can_be_brought_from_one_to_the_other_and_back(whole, bare, tmp_path, workers):
     out = tmp_path / "out"
     for parameters, like in ((PARAMETERS, whole), (BARE, bare), (PARAMETERS, whole)):

@@ -133,6 +133,7 @@ def test_a_bound_is_claimed_for_the_cells_that_promise_it(built, tmp_path, title
     ]
 
 
+@pytest.mark.slow
 def test_visibility_by_item_buffer_is_planned_again_too(tmp_path):
     parameters = replace(PARAMETERS, visibility="item-buffer")
     build_dataset(crossroads(), tmp_path / "out", parameters, max_cells=1)

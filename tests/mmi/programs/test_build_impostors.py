@@ -17,6 +17,7 @@ import pytest
 import shapely
 from cities import HELSINKI
 from city_files import OsmFile, degrees, geojson
+from selection import with_slow
 from shapely.geometry import LineString, box
 
 from mmi.dataset.reading import open_dataset
@@ -485,7 +486,7 @@ def test_whoever_stops_reading_the_output_sees_no_traceback(city, dataset):
         assert process.wait() == 0
 
 
-@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("workers", with_slow([1, 2], {1}))
 def test_ctrl_c_loses_nothing_and_leaves_nobody_behind(capsys, tmp_path, workers):
     out = tmp_path / "out"
     arguments = [str(HELSINKI), "-o", str(out), "--display", "128x128", "--max-cells", "60", "--workers", str(workers)]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from selection import with_slow
 from soups import random_directions, random_soup, soup_mesh
 
 from mmi.appearance.city_mesh import build_city_mesh
@@ -224,7 +225,7 @@ def test_any_soup(seed, count, size, nearest):
     hold(mesh, origins, random_directions(rng, 200, flatness=rng.random()), kind="grid", nearest=nearest)
 
 
-@pytest.mark.parametrize("name", CITIES)
+@pytest.mark.parametrize("name", with_slow(CITIES, {"denhaag"}))
 def test_real_cities(name):
     """Half of the rays are aimed at triangles, half are nearly level."""
     if not CITIES[name].exists():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import shapely
 from cities import HELSINKI, SHARED, real
+from selection import with_slow
 
 from mmi.foundation.errors import CityError
 from mmi.reading.read_city import read_city
@@ -46,7 +47,7 @@ def tally(report, section, start=""):
     return sum(one.count for one in report.sections()[section] if one.what.startswith(start))
 
 
-@pytest.fixture(scope="module", params=list(CITIES))
+@pytest.fixture(scope="module", params=with_slow(CITIES, {"london, by GDAL", "porto"}))
 def reading(request):
     return read(request.param)
 

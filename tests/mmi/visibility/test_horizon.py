@@ -12,6 +12,7 @@ from cities import HELSINKI, SHARED, real
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles import PrismRays, searching_rays, viewpoints_within
+from selection import with_slow
 from shapely import affinity
 from shapely.geometry import LineString, Point, Polygon, box
 
@@ -423,9 +424,12 @@ class TestOracle:
         assert 1.5 <= points[:, 2].min() < points[:, 2].max() <= 1.9
 
 
+PARIS, MANHATTAN = SHARED / "paris_9e/map.osm", SHARED / "nyc_west_village/nyc.osm.pbf"
+
+
 @pytest.mark.parametrize(
     "path",
-    [HELSINKI, SHARED / "paris_9e/map.osm", SHARED / "nyc_west_village/nyc.osm.pbf"],
+    with_slow((HELSINKI, PARIS, MANHATTAN), {PARIS, MANHATTAN}),
     ids=lambda path: path.parent.name,
 )
 def test_a_million_rays_in_a_real_city(path):

@@ -51,6 +51,7 @@ def test_a_walk_waits_for_what_is_captured_as_for_what_is_read(bare, tmp_path):
     assert report["techniques"]["multi-mesh"]["ssim"] > 0.98
 
 
+@pytest.mark.slow
 def test_windows_that_mirror_the_sun_are_wrong_in_stored_pictures_and_right_in_captured_ones(dataset, tmp_path):
     techniques = ("full", "visible", "multi-mesh", "multi-mesh-dynamic")
     options = CompareOptions(techniques=techniques, flip=False, keep=0, settle=8)

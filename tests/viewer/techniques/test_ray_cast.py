@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 from cut_out_cities import street_of_trees
+from selection import with_slow
 
 from mmi.foundation.camera import Camera, view_towards
 from viewer.casting.rules import CastRules
@@ -88,7 +89,7 @@ def test_turning_on_the_spot_casts_only_what_comes_into_view(scene, renderer):
     assert technique.latest.rays < 0.02 * whole, "what was seen before is still there"
 
 
-@pytest.mark.parametrize("limit", [2.0, 5.0])
+@pytest.mark.parametrize("limit", with_slow([2.0, 5.0], {2.0}))
 def test_on_the_way_no_region_is_thicker_than_the_limit_says(scene, renderer, limit):
     technique = RayCasting(scene, CastRules(near_field=NEAR, limit_px=limit))
     thickest, reused = 0.0, 0

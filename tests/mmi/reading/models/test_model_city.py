@@ -13,6 +13,7 @@ import shapely
 from cities import block, city_of, crossroads, real
 from city_files import geojson
 from PIL import Image
+from selection import with_slow
 from shapely.geometry import LineString, box
 
 from citygen.generate import generate
@@ -300,7 +301,7 @@ REAL = {  # buildings, pictures, CRS, longitude, latitude
 }
 
 
-@pytest.fixture(scope="module", params=list(REAL))
+@pytest.fixture(scope="module", params=with_slow(REAL, {"vienna_lod2_cityjsonl/vienna.jsonl"}))
 def real_model(request):
     return request.param, *read_city(real(request.param), ReadOptions(network="all"))
 
