@@ -1,10 +1,10 @@
-"""Mutants of many formats, two processes at a time: the table, and the folder of those that failed."""
+"""Mutants of many formats: the table of what became of them and what they cost, and the folder of those that failed."""
 
 from __future__ import annotations
 
 import argparse
-import resource
 import sys
+import time
 import warnings
 from collections import Counter
 from pathlib import Path
@@ -25,35 +25,37 @@ def campaign(parser: argparse.ArgumentParser) -> None:
     warnings.simplefilter("ignore")
     names = told.format or [*FORMATS]
     seeds = read_seeds(names)
-    print(f"| format | mutants | {' | '.join(OUTCOMES)} | CPU s |", flush=True)
-    print("|---|" + "---|" * (len(OUTCOMES) + 2), flush=True)
-    failed = 0
+    print(f"| format | mutants | {' | '.join(OUTCOMES)} | CPU s | worst s | worst MB |", flush=True)
+    print("|---|" + "---|" * (len(OUTCOMES) + 4), flush=True)
+    failed, began = 0, time.monotonic()
     for name in names:
-        form, start = FORMATS[name], _processor_time()
-        counts, kinds = Counter(), Counter()
-        for one in tried(form, seeds[name], told.run, range(told.first, told.first + told.mutants)):
+        counts, kinds, costs = Counter(), Counter(), []
+        jobs = [(FORMATS[name], number) for number in range(told.first, told.first + told.mutants)]
+        for one in tried(jobs, seeds, told.run):
             counts[one.outcome] += 1
+            costs.append((one.seconds, one.megabytes))
             if one.outcome in FAILURES:
                 kind = one.told.rpartition(" at ")[2] if one.outcome == "traceback" else one.told
                 kinds[one.outcome, kind] += 1
                 if kinds[one.outcome, kind] <= 3:
-                    _keep(told, name, seeds[name], one)
-        row = " | ".join(str(counts[one]) for one in OUTCOMES)
-        print(f"| {name} | {told.mutants} | {row} | {_processor_time() - start:.0f} |", flush=True)
+                    _keep(told, seeds[name], one)
+        seconds, megabytes = zip(*costs, strict=True)
+        row = [
+            *(counts[one] for one in OUTCOMES),
+            f"{sum(seconds):.0f}",
+            f"{max(seconds):.2f}",
+            f"{max(megabytes):.0f}",
+        ]
+        print(f"| {name} | {told.mutants} | {' | '.join(map(str, row))} |", flush=True)
         failed += sum(counts[one] for one in FAILURES)
+    print(f"\n{told.mutants * len(names) / (time.monotonic() - began):.0f} mutants a second, {failed} failed")
     sys.exit(failed > 0)
 
 
-def _processor_time() -> float:
-    """Seconds that the children which have ended took."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
-
-
-def _keep(told: argparse.Namespace, name: str, seeds: dict[str, bytes], one: Tried) -> None:
-    folder = told.failures / f"{name}-{told.run}-{one.number}"
-    for file, data in mutant_of(FORMATS[name], seeds, told.run, one.number).items():
+def _keep(told: argparse.Namespace, seeds: dict[str, bytes], one: Tried) -> None:
+    folder = told.failures / f"{one.form}-{told.run}-{one.number}"
+    for file, data in mutant_of(FORMATS[one.form], seeds, told.run, one.number).items():
         path = folder / file
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data)
-    print(f"{one.outcome}: {name} --run {told.run} --first {one.number}: {one.told}", file=sys.stderr, flush=True)
+    print(f"{one.outcome}: {one.form} --run {told.run} --first {one.number}: {one.told}", file=sys.stderr, flush=True)

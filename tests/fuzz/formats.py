@@ -19,6 +19,7 @@ from fuzz.mutators import (
     Mutator,
     changed_bytes,
     changed_chunks,
+    changed_elements,
     changed_glb,
     changed_gzip,
     changed_json,
@@ -36,9 +37,19 @@ from mmi.walks.walk import read_walk
 
 Expect = Callable[[bool, str], None]
 """What is called with whether something holds, and what that is."""
+SEED = -1
+"""The number of the mutant that is none."""
 BINARY = (changed_bytes, changed_chunks)
 TEXT = (changed_numbers, changed_numbers, changed_lines, changed_bytes, changed_chunks)
-XML = (changed_xml, changed_xml, changed_numbers, changed_bytes, changed_chunks)
+XML = (
+    changed_elements,
+    changed_elements,
+    changed_elements,
+    changed_xml,
+    changed_numbers,
+    changed_bytes,
+    changed_chunks,
+)
 JSON = (changed_json, changed_json, changed_json, changed_numbers, changed_bytes, changed_chunks)
 GLB = (changed_glb, changed_glb, changed_glb, changed_bytes, changed_chunks)
 
@@ -57,7 +68,9 @@ class Format:
 
 
 def mutant_of(form: Format, seeds: dict[str, bytes], run: int, number: int) -> dict[str, bytes]:
-    """The files of a mutant; the same ones for the same format, run and number."""
+    """The files of a mutant; the same ones for the same format, run and number. ``SEED`` is the seed as it is."""
+    if number == SEED:
+        return seeds
     rng = Random(f"{form.name}/{run}/{number}")
     pattern = rng.choice(list(form.mutators))
     name = next(one for one in seeds if fnmatchcase(one, pattern))

@@ -7,6 +7,7 @@ compressed blobs, SQLite's rows.
 
 from __future__ import annotations
 
+import copy
 import gzip
 import json
 import re
@@ -16,6 +17,7 @@ import zlib
 from collections.abc import Callable
 from random import Random
 from typing import Any
+from xml.etree import ElementTree
 
 Mutator = Callable[[bytes, Random], bytes]
 
@@ -29,6 +31,7 @@ VALUES = (None, True, False, 0, -1, 1, 2, 10**6, 2**31, 2**63, 10**400, -(2**31)
     "a" * 300)  # fmt: skip
 _NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 _TAG = re.compile(rb"<[^<>]*>")
+_NO_XML = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f]")
 _ATTRIBUTE = re.compile(rb"\"[^\"<>]*\"")
 
 
@@ -133,6 +136,45 @@ def changed_xml(data: bytes, rng: Random) -> bytes:
     if kind == 2:
         return data[:at] + piece + data[at:]
     return data[:start] + rng.choice((b"<a/>", b"&lt;", b"&x;", b"<!--", b"<![CDATA[", b"text")) + data[end:]
+
+
+def changed_elements(data: bytes, rng: Random) -> bytes:
+    """An element, a text or an attribute of well-formed XML is changed, left out, doubled, moved or swapped; it stays so."""
+    try:
+        root = ElementTree.fromstring(data)
+    except (ElementTree.ParseError, ValueError):
+        return changed_chunks(data, rng)
+    holders = [one for one in root.iter() if len(one)] or [root]
+    for _ in range(rng.choice((1, 1, 1, 2, 3))):
+        # The name of an element first, so that hundreds of corners do not hide the few elements at the top.
+        names = sorted({one.tag for one in root.iter()})
+        name = rng.choice(names)
+        one, kind = rng.choice(list(root.iter(name))), rng.randrange(7)
+        holder = rng.choice(holders)
+        if kind == 0 and len(one):
+            one.remove(rng.choice(list(one)))
+        elif kind == 1 and len(one):
+            one.insert(rng.randrange(len(one) + 1), copy.deepcopy(rng.choice(list(one))))
+        elif kind == 2 and holder not in one.iter():
+            holder.insert(rng.randrange(len(holder) + 1), copy.deepcopy(one))
+        elif kind == 3 and one.text and one.text.strip():
+            one.text = changed_numbers(one.text.encode("utf-8", "replace"), rng).decode("utf-8", "replace")
+        elif kind == 4:
+            one.tag = rng.choice(names)
+        elif one.attrib:
+            key = rng.choice(list(one.attrib))
+            others = [other.attrib[key] for other in root.iter() if key in other.attrib]
+            value = rng.choice((*map(_word, WORDS), *others))
+            if rng.random() < 0.5:
+                value = changed_numbers(one.attrib[key].encode("utf-8", "replace"), rng).decode("utf-8", "replace")
+            one.attrib[key] = value
+            if rng.random() < 0.2:
+                del one.attrib[key]
+    return _NO_XML.sub(b"", ElementTree.tostring(root))[:MOST_BYTES]
+
+
+def _word(word: bytes) -> str:
+    return word.decode("utf-8", "replace")
 
 
 # ------------------------------------------------------------------------------------------------------------ JSON
@@ -286,7 +328,7 @@ def changed_pbf(data: bytes, rng: Random) -> bytes:
 
 def changed_gzip(data: bytes, rng: Random) -> bytes:
     """XML inside of gzip."""
-    return gzip.compress(changed_xml(gzip.decompress(data), rng), mtime=0)
+    return gzip.compress(rng.choice((changed_xml, changed_elements))(gzip.decompress(data), rng), mtime=0)
 
 
 def changed_sqlite(data: bytes, rng: Random) -> bytes:

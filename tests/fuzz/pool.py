@@ -1,12 +1,13 @@
 """Mutants tried in children that are forked after the imports, each under limits of processor time and memory.
 
-A child takes one mutant after the other and tells what became of each, so that a start costs little; one that ends without
-having told (a crash, a limit) is replaced by another, which goes on behind the mutant that ended it. The parent never reads a
-mutant, nor starts threads.
+A child takes one mutant after the other, of whichever formats, and tells what became of each and what it cost: what is loaded
+when something is read for the first time is loaded once. One that ends without having told (a crash, a limit) is replaced by
+another, which goes on behind the mutant that ended it. The parent never reads a mutant, nor starts threads.
 """
 
 from __future__ import annotations
 
+import faulthandler
 import json
 import os
 import resource
@@ -19,6 +20,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +28,10 @@ from fuzz.formats import Format, mutant_of
 
 from mmi.foundation.errors import MmiError
 
+Job = tuple[Format, int]
+"""A format and the number of a mutant."""
+Seeds = dict[str, dict[str, bytes]]
+"""What each format begins from: name of the format -> name of a file -> its bytes."""
 ACCEPTED, REFUSED, TRACEBACK, HANG, MEMORY, ABSURD, CRASH = OUTCOMES = (
     "accepted", "refused", "traceback", "hang", "memory", "absurd", "crash"
 )  # fmt: skip
@@ -42,34 +48,38 @@ class AbsurdError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """What became of the mutant of this number; ``told`` is its message, or the end of its traceback."""
+    """What became of a mutant; ``told`` is its message, or the end of its traceback."""
 
+    form: str
     number: int
     outcome: str
     told: str
+    seconds: float = 0.0
+    """Processor time; zero where it never came back, as for the next."""
+    megabytes: float = 0.0
+    """Memory beyond what was held before, at its most."""
 
 
-def tried(form: Format, seeds: dict[str, bytes], run: int, numbers: Iterable[int]) -> Iterator[Tried]:
+def tried(jobs: Iterable[Job], seeds: Seeds, run: int) -> Iterator[Tried]:
     """Try these mutants of a run, in order, in one child after the other."""
-    todo = list(numbers)
+    todo = list(jobs)
     while todo:
-        done, ended = 0, None
-        for one in _in_a_child(form, seeds, run, todo):
+        done = 0
+        for one in _in_a_child(todo, seeds, run):
             done += 1
-            ended = one
             yield one
-        if ended is None:
-            raise RuntimeError(f"{form.name}: a child told nothing")
+        if not done:
+            raise RuntimeError(f"{todo[0][0].name}: a child told nothing")
         todo = todo[done:]
 
 
-def _in_a_child(form: Format, seeds: dict[str, bytes], run: int, todo: list[int]) -> Iterator[Tried]:
+def _in_a_child(todo: list[Job], seeds: Seeds, run: int) -> Iterator[Tried]:
     reading, writing = os.pipe()
     folder = Path(tempfile.mkdtemp(prefix="fuzz-", dir="/dev/shm" if Path("/dev/shm").is_dir() else None))
     child = fork()
     if child == 0:
         os.close(reading)
-        _work(form, seeds, run, todo, writing, folder)
+        _work(todo, seeds, run, writing, folder)
     os.close(writing)
     place, rest, since, killed = 0, b"", time.monotonic(), False
     try:
@@ -82,8 +92,8 @@ def _in_a_child(form: Format, seeds: dict[str, bytes], run: int, todo: list[int]
                 rest += data
                 *lines, rest = rest.split(b"\n")
                 for line in lines:
-                    outcome, told = json.loads(line)
-                    yield Tried(todo[place], outcome, told)
+                    form, number = todo[place]
+                    yield Tried(form.name, number, *json.loads(line))
                     place, since = place + 1, time.monotonic()
             elif time.monotonic() - since > WALL_SECONDS:
                 os.kill(child, signal.SIGKILL)
@@ -93,32 +103,37 @@ def _in_a_child(form: Format, seeds: dict[str, bytes], run: int, todo: list[int]
         _, status = os.waitpid(child, 0)
         shutil.rmtree(folder, ignore_errors=True)
     if place < len(todo):
-        number = os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0
-        if killed or number == signal.SIGXCPU:
-            yield Tried(todo[place], HANG, "waited in vain" if killed else f"{CPU_SECONDS} s of processor time")
+        form, number = todo[place]
+        ending = os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0
+        if killed or ending == signal.SIGXCPU:
+            yield Tried(form.name, number, HANG, "waited in vain" if killed else f"{CPU_SECONDS} s of processor time")
         else:
-            yield Tried(todo[place], CRASH, f"signal {number}, status {status}")
+            yield Tried(form.name, number, CRASH, f"signal {ending}, status {status}")
 
 
-def _work(form: Format, seeds: dict[str, bytes], run: int, todo: list[int], writing: int, folder: Path) -> None:
+def _work(todo: list[Job], seeds: Seeds, run: int, writing: int, folder: Path) -> None:
     """The child: never returns."""
     try:
         silence = os.open(os.devnull, os.O_RDWR)
         for stream in (0, 1, 2):
             os.dup2(silence, stream)
+        faulthandler.disable()
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         warnings.simplefilter("ignore")  # programs print none, and tests would raise them
-        for number in todo:
+        for form, number in todo:
             inside = folder / "x"
             inside.mkdir()
+            mutant = mutant_of(form, seeds[form.name], run, number)
             _limit()
+            seconds, held = time.process_time(), _most_memory(reset=True)
             try:
-                outcome, told = _try(form, mutant_of(form, seeds, run, number), inside)
+                outcome, told = _try(form, mutant, inside)
             finally:
                 resource.setrlimit(
                     resource.RLIMIT_AS, (resource.RLIM_INFINITY, resource.getrlimit(resource.RLIMIT_AS)[1])
                 )
-            os.write(writing, json.dumps([outcome, told]).encode() + b"\n")
+            cost = (time.process_time() - seconds, _most_memory() - held)
+            os.write(writing, json.dumps([outcome, told, *cost]).encode() + b"\n")
             shutil.rmtree(inside, ignore_errors=True)
     finally:
         os._exit(0)
@@ -132,6 +147,15 @@ def _limit() -> None:
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     _, most = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MEMORY_BYTES, most))
+
+
+def _most_memory(*, reset: bool = False) -> float:
+    """The most memory that this process has held, in megabytes, since it was last reset (where the system can)."""
+    if reset:
+        with suppress(OSError):
+            Path("/proc/self/clear_refs").write_text("5")
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(one.split()[1]) / 1024 for one in lines if one.startswith("VmHWM"))
 
 
 def _try(form: Format, mutant: dict[str, bytes], inside: Path) -> tuple[str, str]:

@@ -2,33 +2,39 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import os
+import shutil
 import struct
 import tempfile
 import warnings
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from cities import crossroads
 from city_files import OsmFile, degrees, geojson
-from fuzz.pool import fork
+from fuzz.datasets import resealed
+from fuzz.pool import Seeds, fork
 from model_cities import BOX_TRIANGLES, QUADS, box_corners, chequers, model_city
 from moving import movers_of
 from PIL import Image
 from shapely.geometry import LineString, box
 
 from mmi.building.dataset import build_dataset
+from mmi.city.model import City
+from mmi.dataset.glb import glb_bytes, read_glb
 from mmi.foundation.camera import Camera
+from mmi.foundation.srgb import png_bytes
 from mmi.movers.movers_file import write_movers
 from mmi.planning.parameters import BuildParameters
 from mmi.walks.walk import Keyframe, Pose, Walk, write_walk
 from mmi.writing.cityjson_writer import write_cityjson
 from mmi.writing.gltf_writer import write_glb
 
-Seeds = dict[str, dict[str, bytes]]
-"""What each format begins from: name of the format -> name of a file -> its bytes."""
 _NET = """<?xml version="1.0"?>
 <net version="1.9" xmlns:xsi="x" xsi:noNamespaceSchemaLocation="http://sumo.dlr.de/xsd/net_file.xsd">
 <location netOffset="0,0" convBoundary="-20,0,120,100" projParameter="!"/>
@@ -47,10 +53,15 @@ _BOXES = ((0.0, 20.0, 20.0, 40.0), (30.0, 20.0, 50.0, 35.0), (0.0, -40.0, 20.0, 
 
 def write_seeds(folder: Path, names: list[str]) -> None:
     """Write the seeds of these formats, a folder each. This starts threads of libraries: call it in a child."""
+    written: dict[Callable[[Path], None], Path] = {}
     for name in names:
-        inside = folder / name
-        inside.mkdir(parents=True)
-        _WRITERS[name.removeprefix("sealed-")](inside)
+        inside, write = folder / name, _WRITERS[name.removeprefix("sealed-")]
+        if write in written:
+            shutil.copytree(written[write], inside)
+        else:
+            inside.mkdir(parents=True)
+            write(inside)
+            written[write] = inside
 
 
 def read_seeds(names: list[str]) -> Seeds:
@@ -330,15 +341,35 @@ def _movers(folder: Path) -> None:
 
 
 def _dataset(folder: Path) -> None:
-    parameters = BuildParameters(
-        near_distance=30.0, camera=Camera(64, 64, math.radians(60.0)), cell_length=80.0, landmarks=(("block/33", 2.0),)
-    )
-    build_dataset(crossroads(), folder, parameters, max_cells=1)
+    """Cells of several layers a sector."""
+    _build(folder, crossroads(), ("block/33", 2.0), near_distance=30.0)
+
+
+def _model_dataset(folder: Path) -> None:
+    """A city of prisms, meshes, pictures and relief."""
+    _build(folder, model_city(), ("way/2", 2.0), near_distance=8.0)
+
+
+def _build(folder: Path, city: City, landmark: tuple[str, float], *, near_distance: float) -> None:
+    """A dataset of one cell, whose facades are made small: they would be nearly all of it."""
+    camera = Camera(64, 64, math.radians(60.0))
+    parameters = BuildParameters(near_distance=near_distance, camera=camera, cell_length=80.0, landmarks=(landmark,))
+    build_dataset(city, folder, parameters, max_cells=1)
+    contents = read_glb((folder / "city.glb").read_bytes(), name="city.glb")
+    images = []
+    for one in contents.images:
+        with Image.open(io.BytesIO(one.data)) as picture:
+            images.append(replace(one, data=png_bytes(np.array(picture.resize((16, 16))))))
+    changed = {"city.glb": glb_bytes(replace(contents, images=tuple(images)))}
+    (folder / "city.glb").write_bytes(changed["city.glb"])
+    manifest = resealed({"manifest.json": (folder / "manifest.json").read_bytes()}, changed)["manifest.json"]
+    (folder / "manifest.json").write_bytes(manifest)
 
 
 _WRITERS = {
     "osm": _osm, "osm.gz": _osm_gz, "pbf": _pbf, "geojson": _geojson, "gpkg": _gpkg, "shp": _shp, "sumo": _sumo,
     "cityjson": _cityjson, "cityjsonl": _cityjsonl, "citygml": _citygml, "glb": _glb, "gltf": _gltf, "obj": _obj, "ply": _ply,
     "ply-text": _ply, "off": _off, "stl": _stl, "tif": _tif, "asc": _asc, "walk": _walk, "movers": _movers,
-    **dict.fromkeys(("manifest", "record", "city", "city-glb", "cell-exr", "cell-glb"), _dataset),
+    **dict.fromkeys(("manifest", "record", "cell-exr", "cell-glb"), _dataset),
+    **dict.fromkeys(("city", "city-glb"), _model_dataset),
 }  # fmt: skip

@@ -10,7 +10,7 @@ import time
 from random import Random
 
 import pytest
-from fuzz.formats import FORMATS, Format, mutant_of
+from fuzz.formats import FORMATS, SEED, Format, mutant_of
 from fuzz.mutators import changed_bytes, changed_glb, changed_sqlite
 from fuzz.pool import ABSURD, ACCEPTED, CRASH, FAILURES, HANG, MEMORY, REFUSED, TRACEBACK, tried
 from fuzz.seeds import read_seeds
@@ -20,18 +20,10 @@ from mmi.foundation.errors import CityError, DatasetError
 
 RUN = int(os.environ.get("FUZZ_RUN", time.time() // 86_400))
 """Number of the run: the day."""
-FEWER = {
-    "walk": 300,
-    "movers": 300,
-    "manifest": 300,
-    "record": 300,
-    "sealed-record": 150,
-    "sealed-manifest": 60,
-    "osm": 60,
-    "sumo": 60,
-    "off": 60,
-}
-"""Mutants of a format in a usual run, of all others 25: as many as a minute allows."""
+MUTANTS = 25
+"""Mutants of each format in a usual run."""
+MORE = dict.fromkeys(("walk", "movers", "manifest", "record", "sealed-record"), 300)
+"""Mutants of those formats of which a second tries hundreds."""
 
 
 @pytest.fixture(scope="module")
@@ -39,32 +31,34 @@ def seeds():
     return read_seeds([*FORMATS])
 
 
-def failing(form, files, numbers):
+@pytest.fixture(scope="module")
+def found(seeds):
+    """What became of the seeds and of some mutants of all formats, from one child."""
+    jobs = [(form, number) for form in FORMATS.values() for number in (SEED, *range(MORE.get(form.name, MUTANTS)))]
+    return list(tried(jobs, seeds, RUN))
+
+
+def failing(found):
     """What failed, and the command that shows it again."""
     return [
-        f"{one.outcome}: {one.told}; python -m tests.fuzz --format {form.name} --run {RUN} --first {one.number} --mutants 1"
-        for one in tried(form, files, RUN, numbers)
+        f"{one.outcome}: {one.told}; python -m tests.fuzz --format {one.form} --run {RUN} --first {one.number} --mutants 1"
+        for one in found
         if one.outcome in FAILURES
     ]
 
 
-@pytest.mark.parametrize("name", FORMATS)
-def test_mutants_are_read_or_refused_in_one_line(seeds, name):
-    assert failing(FORMATS[name], seeds[name], range(FEWER.get(name, 25))) == []
+def test_the_seeds_themselves_are_accepted(found):
+    seeds = {one.form: (one.outcome, one.told) for one in found if one.number == SEED}
+    assert seeds == dict.fromkeys(FORMATS, (ACCEPTED, ""))
+
+
+def test_mutants_are_read_or_refused_in_one_line(found):
+    assert failing(found) == []
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", FORMATS)
-def test_many_mutants_are_read_or_refused_in_one_line(seeds, name):
-    assert failing(FORMATS[name], seeds[name], range(300)) == []
-
-
-@pytest.mark.parametrize("name", FORMATS)
-def test_the_seeds_themselves_are_accepted(seeds, name):
-    form = FORMATS[name]
-    same = Format(name, {key: (lambda data, _: data,) for key in form.mutators}, form.attempt)
-    (one,) = tried(same, seeds[name], 0, [0])
-    assert one.outcome == ACCEPTED, one.told
+def test_many_mutants_are_read_or_refused_in_one_line(seeds):
+    assert failing(tried([(form, number) for form in FORMATS.values() for number in range(300)], seeds, RUN)) == []
 
 
 def test_an_edit_of_a_manifest_that_nobody_sealed_is_refused_or_changes_nothing(seeds):
@@ -83,7 +77,7 @@ def test_an_edit_of_a_manifest_that_nobody_sealed_is_refused_or_changes_nothing(
 
 def outcomes(attempt, count=3):
     form = Format("x", {"x": (changed_bytes,)}, attempt)
-    return [one.outcome for one in tried(form, {"x": b"seed"}, 0, range(count))]
+    return [one.outcome for one in tried([(form, number) for number in range(count)], {"x": {"x": b"seed"}}, 0)]
 
 
 def test_what_is_raised_is_told_apart():
