@@ -21,6 +21,7 @@ from xml.etree import ElementTree
 
 import osmium
 
+from mmi.reading.maps.osm_pbf import refuse_zero_bytes
 from mmi.reading.xml_elements import xml_root
 
 __all__ = ["DAMAGED", "OsmText", "look_through", "without_damage"]
@@ -51,10 +52,12 @@ def look_through(path: Path) -> OsmText:
     """How to read ``path``; PBF has neither deletions nor places in members.
 
     Raises:
-        OSError, ValueError, EOFError, zlib.error: the file is cut off, or damaged where it has to be written anew.
+        OSError, ValueError, EOFError, zlib.error: the file is cut off, or damaged where it has to be written anew, or has texts
+            that osmium must not read.
     """
     suffix = path.suffix.lower()
     if suffix == ".pbf":
+        refuse_zero_bytes(path)
         return OsmText(str(path), frozenset())
     opener: Any = {".gz": gzip.open, ".bz2": bz2.open}.get(suffix, open)
     with opener(path, "rb") as file:

@@ -25,6 +25,7 @@ from shapely.geometry.base import BaseGeometry
 from mmi.city.model import CityObject, Prism, TriangleMesh
 from mmi.city.welding import weld
 from mmi.foundation.errors import CityError
+from mmi.reading.ground.relief import no_height
 from mmi.reading.models.needles import without_needles
 from mmi.reading.models.raw_meshes import linked
 from mmi.reading.raw_layers import ModelLayer
@@ -72,6 +73,9 @@ def objects_from_models(
     for item, (start, end) in zip(items, pairwise(ends.tolist()), strict=True):
         mesh = _cleaned(replace(item.mesh, vertices=moved[start:end]), item.id, ledger)
         if mesh is None:
+            continue
+        if no_height(mesh.vertices[:, 2]).any():
+            ledger.note("left out", "building: a corner deeper than 1,500 m or higher than 30,000 m", item.id)
             continue
         foot = _foot(mesh)
         closed = foot <= mesh.vertices[:, 2].min() + _FOOT

@@ -325,6 +325,17 @@ def test_what_has_no_height_or_no_area_is_left_out(vertices):
         as_objects(TriangleMesh(vertices, [[0, 1, 2]]))
 
 
+@pytest.mark.parametrize("height", [-9999.0, -32768.0, 5_316_521.0])
+def test_a_corner_where_no_ground_can_be_costs_its_building(height):
+    """A void, or an easting in the place of a height."""
+    house, other = extruded(box(0, 0, 9, 9), 0.0, 7.0), extruded(box(20, 0, 29, 9), 0.0, 7.0)
+    vertices = other.vertices.copy()
+    vertices[0, 2] = height
+    found, ledger = as_objects(house, TriangleMesh(vertices, other.triangles))
+    assert [one.id for one in found] == ["m0"]
+    assert ledger.count("left out") == 1
+
+
 def test_outlines_of_very_many_points_are_simplified_outwards():
     angles = np.linspace(0.0, 2.0 * np.pi, 4000, endpoint=False)
     radii = 20.0 + 0.02 * np.random.default_rng(2).normal(size=4000)
