@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -121,11 +122,11 @@ def compare_views(
                     updates=1e-3 * options.budget_ms,
                     costs=costs[entry.name],
                 )
-                held[entry.name].append(found)
                 costs[entry.name] = found.costs
                 tallies[entry.name] += tallies_of(technique)
                 casts[entry.name] += casts_of(technique)
                 settled[entry.name].append(settled_frames(technique, renderer, cache, view, found))
+                held[entry.name].append(replace(found, plans=()))  # which may hold on to all that a technique has seen
     compared = [entry for entry in options.entries if entry.name != REFERENCE]
     with (
         Renderer(main.mesh, main.ground, size=size, measured=True, movers=main.movers, glint=options.glint) as renderer,

@@ -2,18 +2,22 @@
 
 import json
 import re
+import weakref
 from pathlib import Path
 
 import jsonschema
 import pytest
+from cities import crossroads
 from moving import movers_of
 
 import viewer
 from mmi.movers.movers_file import write_movers
+from viewer.casting.panorama import Panorama
 from viewer.programs import compare_impostors as program
 from viewer.programs.compare_impostors import _OF_CITIES, compare_impostors
 from viewer.report.compare import compare_views
-from viewer.report.options import OF_CITIES
+from viewer.report.options import OF_CITIES, CompareOptions
+from viewer.techniques import ray_cast
 
 SCHEMA = json.loads((Path(viewer.__file__).parent / "report" / "schemas" / "report.json").read_text())
 OWN = """\
@@ -225,8 +229,23 @@ def test_a_wider_display_has_no_promise_of_thickness(capsys, dataset, tmp_path):
 
 
 def test_cities_are_compared_from_python(tmp_path):
-    from cities import crossroads
-
     report = compare_views(crossroads(), tmp_path, views=1)
     assert list(report["techniques"]) == list(OF_CITIES)
     assert report["display"]["width"] == 512
+
+
+def test_what_a_view_has_seen_is_forgotten_after_it(tmp_path, monkeypatch):
+    """A panorama takes as much memory as a large picture a few hundred times."""
+    seen, most = [], []
+
+    class Watched(Panorama):
+        def __init__(self, pixel):
+            super().__init__(pixel)
+            seen.append(weakref.ref(self))
+            most.append(sum(one() is not None for one in seen))
+
+    monkeypatch.setattr(ray_cast, "Panorama", Watched)
+    options = CompareOptions(techniques=("full", "ray-cast"), flip=False)
+    compare_views(crossroads(), tmp_path / "out", views=6, options=options)
+    assert len(seen) >= 12
+    assert max(most) <= 4
