@@ -22,6 +22,7 @@ from mmi.foundation.json_forms import with_checksum
 from viewer.scene.scene import open_scene
 
 Expect = Callable[[bool, str], None]
+"""What is called with whether something holds, and what that is."""
 _LIMIT = 1e7
 """Metres and pixels that no dataset reaches."""
 
@@ -29,6 +30,16 @@ _LIMIT = 1e7
 def seal_again(seeds: dict[str, bytes], changed: dict[str, bytes], rng: Random) -> dict[str, bytes]:
     """All files, with the checksums of the changed ones in the manifest, and the manifest's and the records' own."""
     return resealed(seeds, changed, sums=rng.random() < 0.7)
+
+
+def seal_inside(seeds: dict[str, bytes], changed: dict[str, bytes], rng: Random) -> dict[str, bytes]:
+    """:func:`seal_again` of a dataset in the folder ``out``; where it is damaged, or not of a dataset, as it is."""
+
+    def inner(files: dict[str, bytes]) -> dict[str, bytes]:
+        return {name.removeprefix("out/"): data for name, data in files.items() if name.startswith("out/")}
+
+    sealed = seal_again(inner(seeds), inner(changed), rng)
+    return {**seeds, **changed, **{f"out/{name}": data for name, data in sealed.items()}}
 
 
 def resealed(seeds: dict[str, bytes], changed: dict[str, bytes], *, sums: bool = True) -> dict[str, bytes]:

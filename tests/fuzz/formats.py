@@ -14,7 +14,7 @@ from random import Random
 
 import numpy as np
 import shapely
-from fuzz.datasets import seal_again, try_cells, try_dataset, try_record
+from fuzz.datasets import Expect, seal_again, seal_inside, try_cells, try_dataset, try_record
 from fuzz.mutators import (
     Mutator,
     changed_bytes,
@@ -29,14 +29,13 @@ from fuzz.mutators import (
     changed_sqlite,
     changed_xml,
 )
+from fuzz.programs import try_comparing, try_comparing_walk, try_inspecting, try_resuming, try_viewing
 
 from mmi.movers.movers_file import read_movers
 from mmi.reading.read_city import read_city
 from mmi.reading.read_options import ReadOptions
 from mmi.walks.walk import read_walk
 
-Expect = Callable[[bool, str], None]
-"""What is called with whether something holds, and what that is."""
 SEED = -1
 """The number of the mutant that is none."""
 BINARY = (changed_bytes, changed_chunks)
@@ -51,6 +50,15 @@ XML = (
     changed_chunks,
 )
 JSON = (changed_json, changed_json, changed_json, changed_numbers, changed_bytes, changed_chunks)
+EDITED = {
+    "manifest.json": (changed_json,),
+    "cells/*.json": (changed_json,),
+    "city.json": (changed_json,),
+    "city.glb": (changed_glb,),
+    "cells/*.glb": (changed_glb,),
+    "cells/*.exr": BINARY,
+}
+"""The files of a dataset."""
 GLB = (changed_glb, changed_glb, changed_glb, changed_bytes, changed_chunks)
 
 
@@ -193,6 +201,13 @@ FORMATS = {
         _form("sealed-city-glb", {"city.glb": GLB}, try_dataset, finish=seal_again),
         _form("cell-exr", {"cells/*.exr": BINARY}, try_cells, finish=seal_again),
         _form("cell-glb", {"cells/*.glb": GLB}, try_cells, finish=seal_again),
+        _form("inspect-layers", EDITED, try_inspecting, finish=seal_again),
+        _form("compare-impostors", EDITED, try_comparing, finish=seal_again),
+        _form("compare-walk", {"walk.json": (changed_json,), "movers.json": (changed_json,)}, try_comparing_walk),
+        _form("view-impostors", EDITED, try_viewing, finish=seal_again),
+        _form(
+            "build-impostors", {f"out/{name}": how for name, how in EDITED.items()}, try_resuming, finish=seal_inside
+        ),
     )
 }
 """All formats by name."""

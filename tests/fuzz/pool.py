@@ -121,7 +121,7 @@ def _work(todo: list[Job], seeds: Seeds, run: int, writing: int, folder: Path) -
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         warnings.simplefilter("ignore")  # programs print none, and tests would raise them
         for form, number in todo:
-            inside = folder / "x"
+            inside = folder / "mutant"
             inside.mkdir()
             mutant = mutant_of(form, seeds[form.name], run, number)
             _limit()
@@ -161,7 +161,7 @@ def _most_memory(*, reset: bool = False) -> float:
 def _try(form: Format, mutant: dict[str, bytes], inside: Path) -> tuple[str, str]:
     for name, data in mutant.items():
         path = inside / name
-        path.parent.mkdir(exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data)
     try:
         form.attempt(inside, expect)

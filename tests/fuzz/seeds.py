@@ -19,6 +19,7 @@ from cities import crossroads
 from city_files import OsmFile, degrees, geojson
 from fuzz.datasets import resealed
 from fuzz.pool import Seeds, fork
+from fuzz.programs import BUILD
 from model_cities import BOX_TRIANGLES, QUADS, box_corners, chequers, model_city
 from moving import movers_of
 from PIL import Image
@@ -31,6 +32,7 @@ from mmi.foundation.camera import Camera
 from mmi.foundation.srgb import png_bytes
 from mmi.movers.movers_file import write_movers
 from mmi.planning.parameters import BuildParameters
+from mmi.programs.build_impostors import build_impostors
 from mmi.walks.walk import Keyframe, Pose, Walk, write_walk
 from mmi.writing.cityjson_writer import write_cityjson
 from mmi.writing.gltf_writer import write_glb
@@ -345,6 +347,28 @@ def _dataset(folder: Path) -> None:
     _build(folder, crossroads(), ("block/33", 2.0), near_distance=30.0)
 
 
+def _walked_dataset(folder: Path) -> None:
+    """The same with a walk along its cell, and a mover that comes along."""
+    _dataset(folder)
+    keyframes = (
+        Keyframe(0.0, Pose((0.0, -130.0, 1.7), 1.5, 0.0)),
+        Keyframe(1.0, Pose((0.0, -110.0, 1.7), 1.2, 0.1)),
+    )
+    write_walk(Walk("north", keyframes), folder / "walk.json")
+    tracks = [[(0.0, 0.0, -100.0, 0.0, 0.0), (2.0, 0.0, -80.0, 0.0, 90.0)]]
+    write_movers(movers_of(tracks, crs="EPSG:32631"), folder / "movers.json")
+
+
+def _resumable(folder: Path) -> None:
+    """A city, and the dataset that the program built of it."""
+    write_cityjson(crossroads(), folder / "x.city.json")
+    try:
+        build_impostors([str(folder / "x.city.json"), "-o", str(folder / "out"), *BUILD])
+    except SystemExit as left:
+        if left.code:
+            raise
+
+
 def _model_dataset(folder: Path) -> None:
     """A city of prisms, meshes, pictures and relief."""
     _build(folder, model_city(), ("way/2", 2.0), near_distance=8.0)
@@ -372,4 +396,6 @@ _WRITERS = {
     "ply-text": _ply, "off": _off, "stl": _stl, "tif": _tif, "asc": _asc, "walk": _walk, "movers": _movers,
     **dict.fromkeys(("manifest", "record", "cell-exr", "cell-glb"), _dataset),
     **dict.fromkeys(("city", "city-glb"), _model_dataset),
+    **dict.fromkeys(("inspect-layers", "compare-impostors", "view-impostors", "compare-walk"), _walked_dataset),
+    "build-impostors": _resumable,
 }  # fmt: skip
