@@ -246,7 +246,7 @@ def test_every_flipped_byte_of_a_record_or_of_a_cells_file_is_mended_by_the_next
     whole = folder.record(name)
     for path in sorted((out / "cells").iterdir()):
         data = path.read_bytes()
-        for other in damaged(data, every=8 * max(len(data) // 60, 1) + 3):
+        for other in damaged(data, every=8 * max(len(data) // 24, 1) + 3):
             path.write_bytes(other)
             assert folder.record(name) in (None, whole)
             if path.suffix != ".json":
