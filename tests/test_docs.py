@@ -12,6 +12,9 @@ import pytest
 from test_architecture import FLOORS
 
 from mmi.movers.movers_file import read_movers
+from mmi.reading.gdal_files import RASTERS, VECTOR_FORMATS
+from mmi.reading.maps.footprints import GDAL_SUFFIXES
+from mmi.reading.models.mesh_files import MESH_SUFFIXES
 from mmi.walks.walk import read_walk
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -246,3 +249,23 @@ def test_the_checks_notice(check, page):
 )
 def test_the_checks_let_pass(check, page):
     assert not list(check(page))
+
+
+def test_the_table_of_readers_names_every_format_that_is_read():
+    """In its first two columns, by the suffix or, where the contents tell, by the name."""
+    section = PAGES["docs/cities.md"].read_text(encoding="utf-8").partition("## What each reader understands")[2]
+    rows = [line.split(" | ") for line in section.partition("\n## ")[0].splitlines() if line.startswith("| ")]
+    told = " ".join(cell for row in rows for cell in row[:2])
+    suffixes = {*MESH_SUFFIXES, *GDAL_SUFFIXES, *(suffix for suffix, _ in RASTERS), ".osm", ".pbf", ".csv", ".net.xml"}
+    names = [
+        *VECTOR_FORMATS.split(", "),
+        "OpenStreetMap",
+        "CityJSON",
+        "CityGML",
+        "SUMO",
+        "walks",
+        "what moves",
+        "datasets",
+    ]
+    assert [one for one in (*(f"`{suffix}`" for suffix in sorted(suffixes)), *names) if one not in told] == []
+    assert {len(row) for row in rows} == {5}

@@ -50,6 +50,8 @@ from mmi.reading.steps import Progress, step
 __all__ = ["city_of_model", "heights_in_metres", "is_model", "read_model"]
 
 _LOCAL = LocalFrame("local", (0.0, 0.0, 0.0), "")
+_EXTENT = 100_000.0
+"""Metres that a city in metres of its own has at most, as one with a coordinate system (``choose_local_frame``)."""
 
 
 def is_model(path: Path) -> bool:
@@ -178,6 +180,11 @@ def _local_frame(layer: ModelLayer, crs: CRS | None) -> LocalFrame:
     points = np.concatenate([item.mesh.vertices[:, :2] for item in layer.items])
     (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
     if crs is None:
+        spread = float(max(x1 - x0, y1 - y0))
+        if not spread <= _EXTENT:
+            raise CityError(
+                f"{layer.file}: the buildings spread over {spread / 1000:.0f} km: expected a city in metres"
+            )
         middle = np.floor(np.array([x0 + x1, y0 + y1]) / 20.0) * 10.0
         return replace(_LOCAL, origin=(float(middle[0]), float(middle[1]), 0.0))
     bounds = (float(x0), float(y0), float(x1), float(y1))

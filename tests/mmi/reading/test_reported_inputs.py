@@ -24,7 +24,7 @@ FOLDERS = {
 }  # fmt: skip
 """Of these, this module reads everything."""
 ELSEWHERE = {"displaced-sheet"}
-"""What is no matter of reading."""
+"""What is no matter of reading: a sheet that was displaced too far when it was built."""
 
 
 def read(name, **options):

@@ -152,6 +152,13 @@ def test_a_local_obj_with_local_streets(tmp_path):
     assert all(one.core for one in city.objects)
 
 
+def test_a_model_in_metres_of_its_own_is_no_larger_than_a_city(tmp_path):
+    """One in millimetres, or with a corner of another world."""
+    write_obj(tmp_path / "far.obj", (0, 0, 0, 9, 9, 8), (370_000, 0, 0, 370_009, 9, 8))
+    with pytest.raises(CityError, match=r"far\.obj: the buildings spread over 370 km: expected a city in metres"):
+        read_city(tmp_path / "far.obj", ReadOptions(up="z"))
+
+
 def test_a_model_without_streets_gets_paths(tmp_path):
     boxes = [(30 * i, 30 * j, 0, 30 * i + 18, 30 * j + 18, 9) for i in range(3) for j in range(3)]
     city, report = read_city(write_obj(tmp_path / "town.obj", *boxes), ReadOptions(up="z"))
