@@ -211,6 +211,11 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
     work.add_argument(
         "--json", action="store_true", help="print the report as JSON, and nothing else, on standard output"
     )
+    work.add_argument(
+        "--check",
+        action="store_true",
+        help="end with exit status 1 unless multi-mesh keeps what the dataset promises in all views that were compared",
+    )
     work.add_argument("--quiet", action="store_true", help="print no progress and no table")
     run_program(parser, arguments, _compare, kept="no report was written, cells built for single-mesh are kept")
 
@@ -229,6 +234,9 @@ def _compare(options: argparse.Namespace) -> None:
         raise ParameterError(f"--cache: 1 to 1000000 MB expected, found {options.cache:g}")
 
     city_of = None if _is_dataset(options.source) else options.source
+    if options.check and (city_of is not None or "multi-mesh" not in _techniques(options.techniques, of_city=False)):
+        found = f"the city {options.source}" if city_of is not None else ", ".join(options.techniques)
+        raise ParameterError(f"--check: a dataset's promise of multi-mesh to check expected, found {found}")
     if city_of is None:
         refuse_reading_arguments(options, f"the dataset {options.source}, whose city was read when it was built")
     else:
@@ -325,6 +333,8 @@ def _compare(options: argparse.Namespace) -> None:
     elif not options.quiet:
         with suppress(SystemExit):  # rich leaves when nobody reads its output any more (| head)
             print_comparison(report, options.output)
+    if options.check and not report["verdict"]["kept"]:
+        raise SystemExit(1)
 
 
 def _is_dataset(path: Path) -> bool:

@@ -52,6 +52,8 @@ def print_comparison(report: dict[str, Any], out: Path) -> None:
     _print_rays(report, talk)
     _print_movers(report, talk)
     talk.print(one_line(str(out / "report.html")), soft_wrap=True)
+    if report["verdict"] is not None:
+        talk.print(report["verdict"]["line"], soft_wrap=True)
 
 
 def _print_promise(source: dict[str, Any], talk: Console) -> None:

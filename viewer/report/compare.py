@@ -169,7 +169,9 @@ def compare_views(
         )
         for entry in options.entries
     }
-    report = report_of(main, device, options, mode="views", views=views, seed=seed, techniques=techniques)
+    report = report_of(
+        main, device, options, mode="views", views=views, seed=seed, techniques=techniques, scores=scores
+    )
     told = scored_views(scores, frames=alike if options.settle > 1 else {}, layers=layers)
     report |= {"walk": None, "series": None, "scored": told, "worst": worst, "videos": []}
     write_report(report, out)
@@ -252,7 +254,9 @@ def compare_walk(
         for entry in options.entries
     }
     scored = len(spread(len(steps), options.scored))
-    report = report_of(main, device, options, mode=mode, views=scored, seed=None, techniques=techniques)
+    report = report_of(
+        main, device, options, mode=mode, views=scored, seed=None, techniques=techniques, scores=found.scores
+    )
     report |= {
         "walk": {
             "name": walk.name,

@@ -18,10 +18,10 @@ from viewer.measuring.summary import ERRORS, frame_summary, summarise
 from viewer.plan import Done, Technique
 from viewer.report.options import CompareOptions
 from viewer.report.pictures import save_picture, triptych
-from viewer.report.promise import display_of, source_of
+from viewer.report.promise import display_of, source_of, verdict_of
 from viewer.runtime.loop import FrameTimes
 from viewer.scene.scene import WalkScene
-from viewer.techniques.catalogue import REFERENCE, TechniqueEntry
+from viewer.techniques.catalogue import MAIN, REFERENCE, TechniqueEntry
 from viewer.techniques.ray_cast import RayCasting, limit_px
 from viewer.techniques.virtual_frames import FrameTally
 from viewer.techniques.with_movers import WithMovers
@@ -57,13 +57,16 @@ def report_of(
     views: int,
     seed: int | None,
     techniques: dict[str, dict[str, Any]],
+    scores: Mapping[str, Sequence[Scored]],
 ) -> dict[str, Any]:
     """The part of a report that views and walks have in common; ``views`` is how many were scored of each technique."""
+    verdict = verdict_of(scene, scores.get(MAIN), glint=options.glint, movers=bool(scene.movers.ids))
     rate = {name: 1.0 / max(one["frame_ms"]["p50"], 1e-9) for name, one in techniques.items()}
     return {
-        "format_version": 4,
+        "format_version": 5,
         "program": "compare-impostors",
         "source": source_of(scene),
+        "verdict": verdict,
         "device": device,
         "display": display_of(scene.camera),
         "reference": REFERENCE,

@@ -100,6 +100,7 @@ def _page(report: Mapping[str, Any], folder: Path) -> str:
     parts = [
         f"<h1>{title}</h1>",
         f"<p>{_summary(report)}</p>",
+        *([] if report["verdict"] is None else [_verdict(report["verdict"])]),
         '<p class="narrow">Tables and pictures are wider than this window: move them sideways.</p>',
         "<h2>Errors</h2>",
         table(report, WRONG),
@@ -173,6 +174,12 @@ def _times(report: Mapping[str, Any]) -> str:
         f"Each view was held for {report['held_frames']:,} frames, and the times of all of them count, those in which images "
         "were captured included. "
     )
+
+
+def _verdict(verdict: Mapping[str, Any]) -> str:
+    """Whether the promise was kept, as HTML."""
+    line = escape(verdict["line"])
+    return f"<p><b>{line[0].upper()}{line[1:]}.</b></p>"
 
 
 def _promise(report: Mapping[str, Any]) -> str:

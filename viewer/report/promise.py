@@ -13,16 +13,20 @@ elsewhere. On a display that sees farther nothing is promised of thickness.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from mmi.foundation.camera import Camera
 from mmi.foundation.whole_files import real_path
+from viewer.measuring.judge import Scored
 from viewer.scene.scene import WalkScene
 
-__all__ = ["display_of", "promised_thickness", "source_of"]
+__all__ = ["display_of", "promised_thickness", "source_of", "verdict_of"]
 
 _SAME = 1.0 + 1e-9
 """Fields of view that differ by less are the same."""
+_ROUNDING_PX = 1e-3
+"""Pixels by which a measured displacement may pass the threshold: depths are read back as float32."""
 
 
 def display_of(camera: Camera) -> dict[str, Any]:
@@ -68,3 +72,62 @@ def promised_thickness(threshold: float, built_for: Camera, shown: Camera) -> fl
     if shown.width > finer * built_for.width * _SAME or shown.height > finer * built_for.height * _SAME:
         return None
     return finer * threshold + 1.0 + max(finer, 1.0)
+
+
+def verdict_of(
+    scene: WalkScene, scored: Sequence[Scored] | None, *, glint: bool = False, movers: bool = False
+) -> dict[str, Any] | None:
+    """Whether the views of multi-mesh that were ``scored`` keep what the dataset promises; None where it was not compared.
+
+    A view counts where its cell promises something, and breaks the promise where a wrong region is thicker than T + 2 pixels
+    (:func:`promised_thickness`; on a display that sees farther that is not promised), or a surface is displaced by more than T.
+    With ``glint`` or ``movers``, which are not part of the promise, no view counts.
+    """
+    if scene.built is None or not scored:
+        return None
+    source = source_of(scene)
+    thickness, threshold = source["promised_px"], source["max_error_px"]
+    promising = {one.id for one in scene.built.manifest.cells if one.promised_error_px is not None}
+    counted = [] if glint or movers else [one.errors for one in scored if one.cell in promising]
+    broken = [
+        one
+        for one in counted
+        if one.displacement_max_px > threshold + _ROUNDING_PX
+        or (thickness is not None and one.thickness_px > thickness + _ROUNDING_PX)
+    ]
+    if glint or movers:
+        why = f"{'windows that mirror the sun' if glint else 'objects that move'} are no part of what is promised"
+    elif not promising:
+        why = "no cell promises anything"
+    else:
+        why = "no view is in a cell that promises something"
+    found: dict[str, Any] = {
+        "kept": not broken if counted else None,
+        "views": len(counted),
+        "broken": len(broken),
+        "other_views": len(scored) - len(counted),
+        "thickness_px": max((one.thickness_px for one in counted), default=None),
+        "displacement_px": max((one.displacement_max_px for one in counted), default=None),
+        "why": None if counted else why,
+    }
+    return found | {"line": _verdict_line(found, thickness, threshold)}
+
+
+def _verdict_line(found: dict[str, Any], thickness: float | None, threshold: float) -> str:
+    """The verdict in one line."""
+    if found["kept"] is None:
+        return f"promise not checked: {found['why']}"
+    views = "view" if found["views"] == 1 else "views"
+    region = f"worst region {found['thickness_px']:.3g} px "
+    if thickness is None:
+        region += "(nothing promised on a display that sees farther)"
+    else:
+        region += f"({'T + 2 =' if math.isclose(thickness, threshold + 2.0) else 'promised'} {thickness:.3g})"
+    text = f"{region}, displacement {found['displacement_px']:.3g} px (T = {threshold:.3g}), "
+    if found["kept"]:
+        text = f"promise kept: {text}{found['views']:,} {views}"
+    else:
+        text = f"promise BROKEN in {found['broken']:,} of {found['views']:,} {views}: {text.removesuffix(', ')}"
+    if found["other_views"]:
+        text += f"; {found['other_views']:,} more in cells that promise nothing"
+    return text

@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+from manifests import sign_again
 from moving import movers_of
 
 from mmi.dataset.reading import open_dataset
@@ -39,8 +40,44 @@ def test_views_are_compared_and_a_table_is_printed(capsys, dataset, tmp_path):
     assert (status, err) == (0, "")
     assert re.search(r"^local +\d", out, re.MULTILINE)
     assert re.search(r"^multi-mesh +0\.\d+ +0\.\d+", out, re.MULTILINE)
-    assert out.rstrip().endswith("report.html")
+    assert out.rstrip().splitlines()[-2].endswith("report.html")
     assert json.loads((tmp_path / "r" / "report.json").read_text())["views"] == 2
+
+
+@pytest.mark.usefixtures("one_process")
+def test_the_promise_is_checked_and_its_verdict_comes_last(capsys, dataset, tmp_path):
+    check = ["--views", 4, "--techniques", "multi-mesh", "--no-flip", "--worst", 1, "--check"]
+    status, out, err = run(capsys, dataset.path, "-o", tmp_path / "r", *check)
+    assert (status, err) == (0, "")
+    assert re.fullmatch(
+        r"promise kept: worst region \d px \(T \+ 2 = 7\), displacement [\d.]+ px \(T = 5\), 4 views",
+        out.splitlines()[-1],
+    )
+    assert "Promise kept: worst region" in (tmp_path / "r" / "report.html").read_text()
+    # The same impostors, of which more is promised than they were built to keep.
+    shutil.copytree(dataset.path, tmp_path / "more")
+
+    def promise_more(document):
+        document["parameters"]["max_error_px"] = 0.01
+        for cell in document["cells"]:
+            cell["promised_error_px"] = 0.01
+
+    sign_again(tmp_path / "more", promise_more)
+    status, out, err = run(capsys, tmp_path / "more", "-o", tmp_path / "r", *check)
+    assert (status, err) == (1, "")
+    assert re.match(r"promise BROKEN in \d of 4 views: worst region ", out.splitlines()[-1])
+    status, out, err = run(capsys, tmp_path / "more", "-o", tmp_path / "r", *check, "--quiet")
+    assert (status, out, err) == (1, "", "")
+    status, _, err = run(capsys, tmp_path / "more", "-o", tmp_path / "r", *check[:-1], "--quiet")
+    assert (status, err) == (0, ""), "unless it is asked for, the exit status says nothing of it"
+
+
+def test_a_check_of_what_promises_nothing_is_refused(capsys, dataset, tmp_path):
+    status, _, err = run(capsys, dataset.path, "-o", tmp_path, "--check", "--techniques", "full,local")
+    assert status == 2
+    assert err == (
+        "compare-impostors: error: --check: a dataset's promise of multi-mesh to check expected, found full, local\n"
+    )
 
 
 @pytest.mark.usefixtures("one_process")

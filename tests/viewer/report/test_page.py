@@ -123,7 +123,7 @@ def report_of(walked, *, names=tuple(NATURE), seconds=40.0, title="helsinki"):
     }
     rate = {name: 1.0 / techniques[name]["frame_ms"]["p50"] for name in techniques}
     return {
-        "format_version": 4,
+        "format_version": 5,
         "program": "compare-impostors",
         "source": {
             "kind": "dataset",
@@ -134,6 +134,16 @@ def report_of(walked, *, names=tuple(NATURE), seconds=40.0, title="helsinki"):
             "max_error_px": 5.0,
             "promised_px": 7.0,
             "promising_cells": 300,
+        },
+        "verdict": {
+            "kept": True,
+            "views": 20,
+            "broken": 0,
+            "other_views": 0,
+            "thickness_px": 6.0,
+            "displacement_px": 4.1,
+            "why": None,
+            "line": "promise kept: worst region 6 px (T + 2 = 7), displacement 4.1 px (T = 5), 20 views",
         },
         "device": "llvmpipe (LLVM 15.0.6, 256 bits)",
         "display": {"width": 512, "height": 512, "fov_deg": 60.0},
