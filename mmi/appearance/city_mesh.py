@@ -86,7 +86,7 @@ def build_city_mesh(city: City) -> CityMesh:
 
     An object with a ``mesh`` of its own is drawn as that.
     """
-    looks = looks_of(city.objects)
+    looks = looks_of(city.objects, plain=city.facades == "plain")
     prisms = _prisms_of(city)
     walls, roofs = _walls(prisms, looks), _roofs(prisms, looks)
     modelled = [i for i, one in enumerate(city.objects) if one.mesh is not None]
@@ -245,7 +245,7 @@ def _walls_along(prisms: _Prisms, looks: Looks) -> _Walls:
     prism = outlines.polygon[ring]
     owner = prisms.owners[prism]
 
-    blind = (length < _BLIND) | (_touched(a, b, np.zeros_like(prism)) >= 0)
+    blind = looks.plain | (length < _BLIND) | (_touched(a, b, np.zeros_like(prism)) >= 0)
     bays = np.where(blind, length / facades.BAY, np.maximum(1, np.rint(length / facades.BAY)))
     turn = np.arange(len(prism)) - np.searchsorted(prism, prism)  # which edge of its prism
     u_a = ((looks.bay[owner] + 3 * turn) % facades.BAYS) / facades.BAYS

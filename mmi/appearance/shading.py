@@ -79,16 +79,17 @@ _STYLE_SHARES = np.array(
 class Looks:
     """What an object's id, height and area decide: ``style`` (k,) index, ``tint`` (k, 3) factor, ``bay`` (k,) 0..7.
 
-    Objects with the same number in ``whole`` (k,) are parts of one.
+    Objects with the same number in ``whole`` (k,) are parts of one. ``plain``: no wall has windows or doors.
     """
 
     whole: NDArray[np.int64]
     style: NDArray[np.int64]
     tint: NDArray[np.float64]
     bay: NDArray[np.int64]
+    plain: bool
 
 
-def looks_of(objects: Sequence[CityObject]) -> Looks:
+def looks_of(objects: Sequence[CityObject], *, plain: bool = False) -> Looks:
     """Styles, tints and first bays, from digests of the ids, so that other objects change nothing.
 
     Parts of one object (``CityObject.part_of``) look as the whole did.
@@ -104,7 +105,7 @@ def looks_of(objects: Sequence[CityObject]) -> Looks:
     size = np.where(height > 60.0, 3, np.where(height > 30.0, 2, np.where(area > 1800.0, 1, 0))).astype(np.int64)
     style = (dice[:, :1] / 256.0 >= _STYLE_SHARES[size]).sum(axis=1)
     tint = np.stack(_TINTS)[style, dice[:, 1] % 6] * (0.93 + 0.07 * dice[:, 2:3] / 255.0)
-    return Looks(whole, style, tint, dice[:, 3] % facades.BAYS)
+    return Looks(whole, style, tint, dice[:, 3] % facades.BAYS, plain)
 
 
 def light(normals: NDArray[np.float64]) -> NDArray[np.float64]:

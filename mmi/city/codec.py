@@ -38,7 +38,7 @@ _DAMAGE = (
 
 def object_fingerprints(city: City) -> list[str]:
     """One fingerprint an object, over all that decides how it looks and where it is."""
-    return [fingerprint(one) for one in _objects_to_dicts(city.objects)]
+    return [fingerprint(one | _facades(city)) for one in _objects_to_dicts(city.objects)]
 
 
 def city_to_json(city: City) -> bytes:
@@ -73,8 +73,14 @@ def city_to_json(city: City) -> bytes:
                 "heights": _packed(city.terrain.heights),
             },
             "textures": [{"name": one.name, "image": _packed(one.image)} for one in city.textures],
+            **_facades(city),
         }
     )
+
+
+def _facades(city: City) -> dict[str, str]:
+    """Painted facades are not mentioned: cities were stored before there were others."""
+    return {} if city.facades == "painted" else {"facades": city.facades}
 
 
 def city_from_json(data: bytes, *, name: str) -> City:
@@ -103,6 +109,7 @@ def city_from_json(data: bytes, *, name: str) -> City:
             ground=float(stored["ground"]),
             terrain=_terrain(stored["terrain"]),
             textures=tuple(Texture(str(one["name"]), _unpacked(one["image"], "|u1")) for one in stored["textures"]),
+            facades=str(stored.get("facades", "painted")),
         )
     except _DAMAGE as error:
         why = " ".join(str(error).split())  # GEOS ends its own with a line break

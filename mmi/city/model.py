@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
+from mmi.city.facade_kinds import FACADE_KINDS
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError
 
@@ -219,7 +220,8 @@ class City:
 
     ``crs`` is what pyproj understands (``"EPSG:32635"``), ``origin`` was subtracted from its coordinates. ``source`` is
     the name of the file (no folders). ``ground`` is the height of the flat ground, metres; with a ``terrain``, that of its
-    lowest point. ``textures`` are what meshes refer to.
+    lowest point. ``textures`` are what meshes refer to. ``facades``, one of ``FACADE_KINDS``, is how walls look that have no
+    looks of their own.
     """
 
     objects: tuple[CityObject, ...]
@@ -230,8 +232,11 @@ class City:
     ground: float = 0.0
     terrain: Terrain | None = None
     textures: tuple[Texture, ...] = ()
+    facades: str = "painted"
 
     def __post_init__(self) -> None:
+        if self.facades not in FACADE_KINDS:
+            raise CityError(f"{self.source}: facades {' or '.join(FACADE_KINDS)} expected, found {self.facades!r}")
         if self.terrain is not None:
             object.__setattr__(self, "ground", float(self.terrain.heights.min()))
         seen: set[str] = set()

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import networkx as nx
 import numpy as np
@@ -158,6 +159,32 @@ def test_only_touching_walls_and_short_ones_are_blind():
     assert sum(blind(build_city_mesh(city_of(a)))) == 0
     stacked = CityObject("s", (Prism(box(0, 0, 9, 9), 0.0, 6.4), Prism(box(0, 0, 9, 9), 6.4, 12.8)))
     assert sum(blind(build_city_mesh(city_of(stacked)))) == 0
+
+
+def test_plain_walls_have_no_windows_and_the_same_shapes_and_roofs():
+    parts = (
+        building("a", box(0, 0, 10, 10), 12.0),
+        building("b", box(10, 0, 22, 10), 20.0),
+        building("tower", box(40, 0, 60, 29), 130.0),
+        building("bay", box(70, 0, 79, 9), 9.0, bottom=4.0),
+    )
+    painted, plain = (build_city_mesh(replace(city_of(*parts), facades=kind)) for kind in ("painted", "plain"))
+    assert np.array_equal(painted.positions, plain.positions)
+    assert np.array_equal(painted.triangles, plain.triangles)
+    assert np.array_equal(painted.colors, plain.colors)
+    walls = np.abs(normals(plain)[:, 2]) < 0.5
+    assert np.array_equal(painted.uv[painted.triangles[~walls]], plain.uv[plain.triangles[~walls]])
+    texture = plain.texture.astype(float)
+    for i in range(len(parts)):
+        mine = walls & (np.arange(len(walls)) >= plain.object_triangles[i])
+        mine &= np.arange(len(walls)) < plain.object_triangles[i + 1]
+        v = plain.uv[plain.triangles[mine]][..., 1]
+        style = int(np.argmin(np.abs(blind_strip(np.arange(4))[0] - v.min())))
+        top, bottom = blind_strip(style)
+        assert v.min() == pytest.approx(top)
+        assert v.max() == pytest.approx(bottom)
+        rows = slice(round(top * len(texture)), round(bottom * len(texture)))
+        assert texture[rows].std(axis=(0, 1)).max() < 0.05 * texture[rows].mean()  # calm
 
 
 def test_courtyards_stay_open():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import networkx as nx
 import numpy as np
@@ -258,3 +259,26 @@ def test_the_same_house_looks_the_same_with_and_without_pictures_elsewhere():
 def test_only_what_refers_to_it_changes_with_a_texture():
     painted = object_of(TriangleMesh(box_corners(0, 0, 0, 9, 9, 9), BOX_TRIANGLES, np.full(12, PAINTED)))
     assert build_city_mesh(city_of(painted, textures=(four_fields(),))).texture.shape == (4096, 512, 3)
+
+
+def test_plain_facades_leave_pictures_and_colours_alone():
+    city = model_city()
+    painted, plain = (build_city_mesh(replace(city, facades=kind)) for kind in ("painted", "plain"))
+    assert np.array_equal(painted.positions, plain.positions)
+    differ = (painted.uv != plain.uv).any(axis=1)
+    rows = np.repeat(np.arange(len(city.objects)), np.diff(plain.object_vertices))
+    has_own = [one.mesh is not None and not (one.mesh.textures == PAINTED).any() for one in city.objects]
+    assert any(has_own)
+    assert not differ[np.array(has_own)[rows]].any()
+    invented = [i for i, one in enumerate(city.objects) if one.mesh is None or (one.mesh.textures == PAINTED).any()]
+    assert {0, 1} <= set(rows[differ].tolist()) <= set(invented)
+
+
+def test_a_plain_wall_of_a_mesh_is_of_one_calm_colour():
+    corners = [(-5, 20, 0), (5, 20, 0), (5, 20, 10), (-5, 20, 10)]
+    mesh = quad(corners, None, texture=PAINTED)
+    city = city_of(object_of(mesh))
+    images = [seen(replace(city, facades=kind)).color.astype(float) for kind in ("painted", "plain")]
+    middle = [image[10:90, 10:90, :3].reshape(-1, 3) for image in images]
+    assert middle[0].std(axis=0).max() > 20.0  # windows
+    assert middle[1].std(axis=0).max() < 12.0  # the shade at its foot, and rain

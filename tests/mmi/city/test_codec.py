@@ -21,7 +21,7 @@ from mmi.city.codec import city_from_json, city_to_json, object_fingerprints
 from mmi.city.long_objects import cut_objects
 from mmi.city.model import City, CityObject, Prism, Texture, TriangleMesh
 from mmi.foundation.errors import CityError
-from mmi.foundation.json_forms import canonical_json
+from mmi.foundation.json_forms import canonical_json, fingerprint
 
 ARRAYS = ("vertices", "triangles", "textures", "colors", "uv")
 
@@ -56,6 +56,7 @@ def assert_same(one: City, other: City) -> None:
         assert one.terrain.heights.tolist() == other.terrain.heights.tolist()
         assert (one.terrain.origin, one.terrain.spacing) == (other.terrain.origin, other.terrain.spacing)
     assert (one.crs, one.origin, one.source, one.ground) == (other.crs, other.origin, other.source, other.ground)
+    assert one.facades == other.facades
     assert sorted(one.streets.nodes(data=True)) == sorted(other.streets.nodes(data=True))
     mine, theirs = (
         sorted((e["index"], a, b, e["kind"], e["name"], e["half_width"], e["geometry"].wkt) for a, b, e in edges)
@@ -72,6 +73,7 @@ def assert_same(one: City, other: City) -> None:
         cored_city,
         lambda: city_of(block("a", 0, 9, 9, 18, 7.0)),
         lambda: cut_objects(crossroads(), 40.0),
+        lambda: cut_objects(dataclasses.replace(crossroads(), facades="plain"), 40.0),
     ],
 )
 def test_a_stored_city_comes_back_and_is_stored_as_the_same_bytes(make):
@@ -113,6 +115,17 @@ def test_fingerprints_tell_which_object_looks_different():
     for part, to in (("vertices", mesh.vertices + np.array([0.0, 0.0, 1e-9])), ("uv", mesh.uv + np.float32(0.5))):
         after = object_fingerprints(changed(part, to=to))
         assert [a != b for a, b in zip(before, after, strict=True)] == [False, False, True, False, False]
+
+
+def test_painted_facades_leave_no_trace_and_plain_ones_change_every_fingerprint():
+    """Datasets from before there were plain facades stay as they are, and a build that changes them does all again."""
+    painted, plain = (dataclasses.replace(model_city(), facades=kind) for kind in ("painted", "plain"))
+    assert b"facades" not in city_to_json(painted)
+    assert object_fingerprints(painted) == [fingerprint(one) for one in json.loads(city_to_json(painted))["objects"]]
+    assert not set(object_fingerprints(painted)) & set(object_fingerprints(plain))
+    assert len(set(object_fingerprints(plain))) == len(plain.objects)
+    with pytest.raises(CityError, match="facades painted or plain expected, found 'brick'"):
+        dataclasses.replace(model_city(), facades="brick")
 
 
 # Damage
