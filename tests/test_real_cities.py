@@ -166,7 +166,7 @@ REFUSED = {
     ),
     "vienna": (
         "data:dirty_vienna_blocks/buildings.geojson",
-        "no streets: no line layer or highways in it, nor has any building a height",
+        "none of 3728 buildings has a height: expected metres or levels",
     ),
     "vienna, streets of another city": (
         "data:dirty_vienna_blocks/buildings.geojson --streets data:paris_9e/derived_streets.geojson",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 
+from mmi.city.facade_kinds import FACADE_KINDS
 from mmi.foundation.errors import ParameterError
 from mmi.programs.command_line import numbers_option, path_option
 from mmi.reading.read_options import HEIGHT_UNITS, NETWORKS, OBJECTS, UP_AXES, ReadOptions
@@ -30,9 +31,19 @@ def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
     """Add every option of ``ReadOptions``, by its name, with its default, without CITY."""
     default = ReadOptions()
     city = parser.add_argument_group("the city")
-    city.add_argument("--streets", type=path_option, metavar="FILE", help="streets, where CITY holds only buildings")
+    city.add_argument(
+        "--streets",
+        type=path_option,
+        metavar="FILE",
+        help="streets, where CITY holds only buildings (default then: paths through the open space)",
+    )
     city.add_argument(
         "--terrain", type=path_option, metavar="FILE", help="heights of the ground: a raster, points or contour lines"
+    )
+    city.add_argument(
+        "--terrain-unit",
+        choices=HEIGHT_UNITS,
+        help="unit of the ground's heights (default: feet where the file says so, else m)",
     )
     city.add_argument(
         "--lod", metavar="N", help="level of detail of a 3D model (default: the highest of each building)"
@@ -51,6 +62,12 @@ def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
         choices=OBJECTS,
         default=default.objects,
         help="what layers are made of: buildings, or blocks of buildings that touch (default: %(default)s)",
+    )
+    city.add_argument(
+        "--facades",
+        choices=FACADE_KINDS,
+        default=default.facades,
+        help="walls that the file says nothing of: painted with windows and doors, or plain (default: %(default)s)",
     )
     city.add_argument(
         "--clip", type=_box, metavar="W,S,E,N", help="read only what lies in this box of degrees: west,south,east,north"

@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TypeVar
@@ -179,9 +179,9 @@ def lonlat_bounds(file: str, bounds: Box, crs: pyproj.CRS) -> Box:
 
 
 def agree_on_crs(
-    buildings: BuildingLayer, streets: StreetLayer, override: pyproj.CRS | None
+    buildings: BuildingLayer, streets: StreetLayer | None, override: pyproj.CRS | None
 ) -> tuple[pyproj.CRS, pyproj.CRS]:
-    """The CRS of the buildings and of the streets (both layers not empty).
+    """The CRS of the buildings and of the streets (layers that are not empty); twice the buildings' where streets are None.
 
     ``override`` replaces what a file declares or lacks, unless its format fixes the CRS (OpenStreetMap). Where the two then
     lie apart but would meet if ``override`` held for one file only, it holds for that one.
@@ -190,11 +190,15 @@ def agree_on_crs(
         CityError: a CRS is missing or contradicted by the coordinates, or the layers lie apart; says where each lies.
         ParameterError: ``override`` is given where every file has its CRS by its format.
     """
-    if override is not None and buildings.crs_certain and streets.crs_certain:
+    if override is not None and buildings.crs_certain and (streets is None or streets.crs_certain):
         raise ParameterError(
             f"--crs: a file whose CRS is unknown or wrong expected, found {buildings.file}: OpenStreetMap is always EPSG:4326"
         )
     building_bounds = coordinate_bounds([item.geometry for item in buildings.items])
+    if streets is None:
+        crs = override or _declared(buildings)
+        lonlat_bounds(buildings.file, building_bounds, crs)
+        return crs, crs
     street_bounds = coordinate_bounds([line for item in streets.items for line in item.lines])
     choices: list[tuple[pyproj.CRS | None, pyproj.CRS | None]] = []
     if override is not None:
@@ -205,12 +209,10 @@ def agree_on_crs(
     else:
         choices = [(buildings.crs, streets.crs)]
     first_error: CityError | None = None
-    for building_crs, street_crs in choices:
+    for of_buildings, of_streets in choices:
         try:
-            for crs, file in ((building_crs, buildings.file), (street_crs, streets.file)):
-                if crs is None:
-                    raise CityError(f"{file}: declares no CRS: expected one; name it with --crs EPSG:...")
-            assert building_crs is not None and street_crs is not None
+            building_crs = _declared(replace(buildings, crs=of_buildings))
+            street_crs = _declared(replace(streets, crs=of_streets))
             there = lonlat_bounds(buildings.file, building_bounds, building_crs)
             here = lonlat_bounds(streets.file, street_bounds, street_crs)
             if boxes_meet(there, here):
@@ -220,6 +222,12 @@ def agree_on_crs(
             first_error = first_error or error
     assert first_error is not None
     raise first_error
+
+
+def _declared(layer: BuildingLayer | StreetLayer) -> pyproj.CRS:
+    if layer.crs is None:
+        raise CityError(f"{layer.file}: declares no CRS: expected one; name it with --crs EPSG:...")
+    return layer.crs
 
 
 def _apart(file_b: str, b: Box, crs_b: pyproj.CRS, file_s: str, s: Box, crs_s: pyproj.CRS) -> str:

@@ -2,8 +2,8 @@
 
 ``read_city`` tells the way from file to city top to bottom: read (``osm``, ``footprints``), agree on a CRS and a local frame
 (``coordinates``), mend and raise the buildings (``repair``, ``heights``, ``buildings``), set them on their ground
-(``ground``), knit the streets (``streets``), and account for everything (``report``). 3D models (``cityjson``, ``citygml``,
-``mesh_files``) have meshes instead of outlines, and a way of their own (``model_city``).
+(``ground``), knit the streets (``streets``) or find paths (``open_space``), and account for everything (``report``). 3D
+models (``cityjson``, ``citygml``, ``mesh_files``) have meshes instead of outlines, and a way of their own (``model_city``).
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from mmi.reading.coordinates import (
     within_clip,
 )
 from mmi.reading.ground.ground import ground_of_file, raised
+from mmi.reading.ground.open_space import open_space_layer
 from mmi.reading.maps.buildings import merge_blocks, objects_from_outlines
 from mmi.reading.maps.footprints import GDAL_SUFFIXES, read_footprints, read_street_lines
 from mmi.reading.maps.osm import is_osm, read_osm
@@ -83,9 +84,8 @@ def read_city(
         with unpacked_tiles(path) as unpacked:
             tiles = tiles_of(path) if path.is_dir() else unpacked
             if tiles or is_model(file):
-                city = _in_valid_text(
-                    _read_model_city(path, tiles or [file], options, override, ledger, progress), ledger
-                )
+                found = _read_model_city(path, tiles or [file], options, override, ledger, progress)
+                city = _finished(found, options.facades, ledger)
                 return city, _accounted(city, ledger)
         if options.lod is not None:
             raise ParameterError(f"--lod: a 3D model expected, found {path}")
@@ -93,14 +93,17 @@ def read_city(
             buildings = _read_buildings(file, ledger, options)
         street_file = file if options.streets is None else _the_file(options.streets)
         with step(progress, f"reading the streets of {_printable(street_file.name)}"):
-            lines = _read_streets(street_file, ledger, layer=options.streets_layer, buildings=buildings)
+            lines = _read_streets(street_file, ledger, layer=options.streets_layer)
+        if options.streets is not None or options.streets_layer is not None:
+            lines = _required(lines, street_file, ledger)
     except OSError as error:
         raise CityError(f"{error.filename or path}: cannot be read: {error.strerror or error}") from error
-    buildings, lines = joined_buildings(buildings), joined_streets(lines)
+    buildings, lines = joined_buildings(buildings), None if lines is None else joined_streets(lines)
     building_crs, street_crs = agree_on_crs(buildings, lines, override)
     check_not_swapped(buildings.file, [item.geometry for item in buildings.items], building_crs)
     if options.clip is not None:
-        buildings, lines = _clip_layers(buildings, lines, building_crs, street_crs, options.clip, ledger)
+        buildings = _clipped_buildings(buildings, building_crs, options.clip, ledger)
+        lines = None if lines is None else _clipped_streets(lines, street_crs, options.clip, ledger)
     bounds = coordinate_bounds([item.geometry for item in buildings.items])
     frame = choose_local_frame(
         buildings.file, bounds, building_crs, lonlat_bounds(buildings.file, bounds, building_crs)
@@ -114,24 +117,35 @@ def read_city(
     relief = None
     if options.terrain is not None:
         with step(progress, f"reading the ground of {options.terrain.name}"):
-            relief = ground_of_file(options.terrain, frame, coordinate_bounds(list(shapes)), ledger)
+            within, unit = coordinate_bounds(list(shapes)), options.terrain_unit
+            relief = ground_of_file(options.terrain, frame, within, ledger, unit=unit)
             solids = raised(solids, relief)
     ledger.note("kept", "buildings", count=len(solids))
     if options.objects == "blocks":
         solids = merge_blocks(solids, ledger)
         ledger.note("kept", "objects (blocks)", count=len(solids))
 
+    network = options.network
+    if lines is None:
+        ledger.warn(f"{file}: {_no_streets(ledger)}; paths lead through the open space instead (--streets FILE)")
+        with step(progress, "looking for paths through the open space"):
+            footprints = np.array([one.footprint for one in solids], dtype=object)
+            lines, network = open_space_layer(buildings.file, footprints, ledger), "all"
+        moved = [list(item.lines) for item in lines.items]
+    else:
+        moved = moved_lines(lines, street_crs, frame)
     with step(progress, "joining the streets"):
         graph = graph_from_lines(
             lines,
-            moved_lines(lines, street_crs, frame),
+            moved,
             solids,
             ledger,
-            network=options.network,
+            network=network,
             ground=_GROUND if relief is None else relief,
             window=None if options.clip is None else box_to_local_frame(options.clip, frame),
         )
-    city = _in_valid_text(City(solids, graph, frame.crs, frame.origin, _printable(path.name), _GROUND, relief), ledger)
+    city = City(solids, graph, frame.crs, frame.origin, _printable(path.name), _GROUND, relief)
+    city = _finished(city, options.facades, ledger)
     return city, _accounted(city, ledger)
 
 
@@ -162,7 +176,8 @@ def _read_model_city(
         own_metres = layer.crs is None and override is None
         street_file = _the_file(options.streets)
         with step(progress, f"reading the streets of {_printable(street_file.name)}"):
-            lines = _read_streets(street_file, ledger, layer=options.streets_layer, local=own_metres)
+            found = _read_streets(street_file, ledger, layer=options.streets_layer, local=own_metres)
+            lines = _required(found, street_file, ledger)
     return city_of_model(
         layer,
         lines,
@@ -172,6 +187,7 @@ def _read_model_city(
         override=override,
         clip=options.clip,
         terrain=options.terrain,
+        terrain_unit=options.terrain_unit,
         progress=progress,
     )
 
@@ -189,8 +205,8 @@ def _printable(name: str) -> str:
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
-def _in_valid_text(city: City, ledger: Ledger) -> City:
-    """The city with ids and names that can be written to files, wherever they were read from."""
+def _finished(city: City, facades: str, ledger: Ledger) -> City:
+    """The city with ids and names that can be written to files, wherever they were read from, and its ``facades``."""
     names, objects = UniqueNames(), []
     for one in city.objects:
         id_ = names.free(valid_text(one.id))
@@ -200,7 +216,7 @@ def _in_valid_text(city: City, ledger: Ledger) -> City:
     for *_, edge in city.streets.edges(data=True):
         edge["name"] = valid_text(edge["name"])
     textures = tuple(replace(one, name=valid_text(one.name)) for one in city.textures)
-    return replace(city, objects=tuple(objects), textures=textures)
+    return replace(city, objects=tuple(objects), textures=textures, facades=facades)
 
 
 def _accounted(city: City, ledger: Ledger) -> CityReport:
@@ -226,10 +242,9 @@ def _warn_of_lost_pictures(city: City, ledger: Ledger) -> None:
         return
     faces = np.concatenate(looks)
     painted, plain = np.count_nonzero(faces == PAINTED), np.count_nonzero(faces == PLAIN)
+    facades = "painted with facades" if city.facades == "painted" else "plain, as they have no looks of their own"
     instead = " and ".join(
-        f"{number} are {what}"
-        for number, what in ((painted, "painted with facades"), (plain, "of a plain colour"))
-        if number
+        f"{number} are {what}" for number, what in ((painted, facades), (plain, "of a plain colour")) if number
     )
     if instead:
         share = 100.0 * (painted + plain) / len(faces)
@@ -285,10 +300,8 @@ def _read_buildings(file: Path, ledger: Ledger, options: ReadOptions) -> Buildin
     return found
 
 
-def _read_streets(
-    file: Path, ledger: Ledger, *, layer: str | None, buildings: BuildingLayer | None = None, local: bool = False
-) -> StreetLayer:
-    """The streets of ``file``: at least one line. ``local``: a SUMO network keeps its own metres."""
+def _read_streets(file: Path, ledger: Ledger, *, layer: str | None, local: bool = False) -> StreetLayer | None:
+    """The streets of ``file``; None where there are none. ``local``: a SUMO network keeps its own metres."""
     found: StreetLayer | None
     if file.is_file() and is_osm(file):
         if layer is not None:
@@ -300,26 +313,28 @@ def _read_streets(
         found = read_sumo(file, ledger, local=local)
     else:
         found = read_street_lines(file, ledger, layer=layer)
-    if found is None or not found.items:
-        also = buildings is None or any(
-            "height" in item.tags or "building:levels" in item.tags for item in buildings.items
-        )
-        nor = "" if also else ", nor has any building a height (--height-column, --levels-column)"
-        why = ledger.why_left_out("street")
-        what = "no usable line in it" if why else "no line layer or highways in it"
-        raise CityError(f"{file}: no streets: {what}{nor}; expected them here or as --streets FILE{why}")
-    return found
+    return found if found is not None and found.items else None
 
 
-def _clip_layers(
-    buildings: BuildingLayer, lines: StreetLayer, building_crs: CRS, street_crs: CRS, clip: Box, ledger: Ledger
-) -> tuple[BuildingLayer, StreetLayer]:
+def _required(streets: StreetLayer | None, file: Path, ledger: Ledger) -> StreetLayer:
+    """The streets of a ``file`` or layer that somebody named: there have to be some."""
+    if streets is None:
+        raise CityError(f"{file}: {_no_streets(ledger)}; expected streets, as this is where they are said to be")
+    return streets
+
+
+def _no_streets(ledger: Ledger) -> str:
+    why = ledger.why_left_out("street")
+    return f"no streets: {'no usable line in it' if why else 'no line layer or highways in it'}{why}"
+
+
+def _clipped_buildings(layer: BuildingLayer, crs: CRS, clip: Box, ledger: Ledger) -> BuildingLayer:
     """Only what meets the box by its own bounding box; the rest is counted."""
-    near = meets_box([item.geometry for item in buildings.items], building_crs, clip)
-    street_near = np.array([meets_box(item.lines, street_crs, clip).any() for item in lines.items])
-    return (
-        replace(
-            buildings, items=within_clip(buildings.items, near, clip, ledger, file=buildings.file, kind="building")
-        ),
-        replace(lines, items=within_clip(lines.items, street_near, clip, ledger, file=lines.file, kind="street")),
-    )
+    near = meets_box([item.geometry for item in layer.items], crs, clip)
+    return replace(layer, items=within_clip(layer.items, near, clip, ledger, file=layer.file, kind="building"))
+
+
+def _clipped_streets(layer: StreetLayer, crs: CRS, clip: Box, ledger: Ledger) -> StreetLayer:
+    """Likewise."""
+    near = np.array([meets_box(item.lines, crs, clip).any() for item in layer.items])
+    return replace(layer, items=within_clip(layer.items, near, clip, ledger, file=layer.file, kind="street"))

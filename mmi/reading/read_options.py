@@ -9,6 +9,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from mmi.city.facade_kinds import FACADE_KINDS
 from mmi.foundation.errors import ParameterError
 
 __all__ = ["HEIGHT_UNITS", "NETWORKS", "OBJECTS", "UP_AXES", "ReadOptions"]
@@ -32,6 +33,8 @@ class ReadOptions:
     Attributes:
         streets: a second file that holds the streets: a map or GIS file, or a SUMO network.
         terrain: a raster, points or contour lines with the heights of the ground; None: flat, or what a model says.
+        terrain_unit: one of ``HEIGHT_UNITS``, for the heights in ``terrain``; None: feet where the raster's unit, the vertical
+            coordinate system or the column's name says so, else metres.
         crs: the coordinate system (``EPSG:32632``), where a file declares none or a wrong one; never OpenStreetMap's.
         network: one of ``NETWORKS``.
         objects: one of ``OBJECTS``.
@@ -46,6 +49,7 @@ class ReadOptions:
         streets_layer: layer of streets, or several with commas between.
         lod: level of detail of a model's buildings (``"1"``, ``"2.2"``); None: the highest of each.
         up: one of ``UP_AXES``, for meshes whose format does not say.
+        facades: one of ``FACADE_KINDS``: how walls look for which the file has neither pictures nor colours.
 
     Raises:
         ParameterError: an option means nothing; the message names it as the program does (``--network``).
@@ -53,6 +57,7 @@ class ReadOptions:
 
     streets: Path | None = None
     terrain: Path | None = None
+    terrain_unit: str | None = None
     crs: str | None = None
     network: str = "drive"
     objects: str = "buildings"
@@ -65,6 +70,7 @@ class ReadOptions:
     streets_layer: str | None = None
     lod: str | None = None
     up: str = "auto"
+    facades: str = "painted"
 
     def __post_init__(self) -> None:
         for name in ("streets", "terrain"):
@@ -81,11 +87,17 @@ class ReadOptions:
             ("--network", self.network, NETWORKS),
             ("--objects", self.objects, OBJECTS),
             ("--up", self.up, UP_AXES),
+            ("--facades", self.facades, FACADE_KINDS),
+            ("--terrain-unit", "m" if self.terrain_unit is None else self.terrain_unit, HEIGHT_UNITS),
             ("--height-unit", "m" if self.height_unit is None else self.height_unit, HEIGHT_UNITS),
         ):
             if value not in choices:
                 expected = f"{', '.join(choices[:-1])} or {choices[-1]}"
                 raise ParameterError(f"{option}: expected {expected}, found {value!r}")
+        if self.terrain_unit is not None and self.terrain is None:
+            raise ParameterError(
+                f"--terrain-unit: heights of the ground (--terrain) expected, found {self.terrain_unit!r}"
+            )
         if self.lod is not None and not re.fullmatch(r"[0-4](\.[0-9])?", self.lod):
             raise ParameterError(f"--lod: a level of detail such as 2 or 1.3 expected, found {self.lod!r}")
         if self.clip is not None:

@@ -45,13 +45,13 @@ _DEEPEST = 6.0
 """Metres by which a building is let down to the ground at most; one that stands higher is meant to hang in the air."""
 
 
-def ground_of_file(path: Path, frame: LocalFrame, bounds: Box, ledger: Ledger) -> Terrain:
-    """Ground from a raster, or points or contour lines with heights.
+def ground_of_file(path: Path, frame: LocalFrame, bounds: Box, ledger: Ledger, *, unit: str | None = None) -> Terrain:
+    """Ground from a raster, or points or contour lines with heights; ``unit`` is theirs, ``m`` or ``ft``, None: as they say.
 
     Raises:
         CityError: the file has none, or lies elsewhere.
     """
-    points, crs = read_relief_points(path, ledger)
+    points, crs = read_relief_points(path, ledger, unit=unit)
     if frame.crs == "local":
         crs = None
     elif crs is None:

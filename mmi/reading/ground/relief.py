@@ -22,6 +22,8 @@ from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError
 from mmi.reading.coordinates import declared_crs
 from mmi.reading.gdal_files import RASTERS, VECTOR_FORMATS, layers_of, local_path
+from mmi.reading.maps.gis_columns import says_feet
+from mmi.reading.maps.heights import FOOT
 from mmi.reading.report import Ledger
 
 __all__ = ["VOID", "choose_spacing", "no_height", "read_relief_points", "terrain_from_points", "terrain_from_triangles"]
@@ -43,6 +45,7 @@ _LOWEST, _HIGHEST = -1500.0, 30_000.0
 """All ground lies between these heights, in metres as well as in feet, from the Dead Sea to Mount Everest."""
 VOID = "{} of the ground: a void (no ground is as low or high)"
 """Why a cell, point or triangle is left out."""
+_FEET = re.compile(r"\b(ft|ftUS|feet|foot)\b", re.IGNORECASE)
 _SUFFIXES = ", ".join(suffix for suffix, _ in RASTERS)
 _EXPECTED = f"a raster ({_SUFFIXES}), or points or contour lines with heights ({VECTOR_FORMATS})"
 # Column names, lower-case letters only, likeliest first.
@@ -125,19 +128,40 @@ def terrain_from_points(
     return Terrain(origin, spacing, heights), int(spikes.sum())
 
 
-def read_relief_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyproj.CRS | None]:
-    """Points (n, 3) of the ground in the file's coordinates, and its CRS (None: it declares none).
+def read_relief_points(
+    path: Path, ledger: Ledger, *, unit: str | None = None
+) -> tuple[NDArray[np.float64], pyproj.CRS | None]:
+    """Points (n, 3) of the ground in the file's coordinates, their heights in metres, and its CRS (None: it declares none).
 
     Rasters (GeoTIFF and some others) give the middles of their cells, at most about two million; points and contour lines
-    have a z or a column of heights.
+    have a z or a column of heights. ``unit`` is what heights are in, ``m`` or ``ft``; None: feet where the raster's unit,
+    the vertical coordinate system or the column's name says so, else metres.
 
     Raises:
         CityError: nothing with heights in it, or not readable.
     """
     drivers = next((drivers for suffix, drivers in RASTERS if path.suffix.lower() == suffix), None)
     if drivers is not None:
-        return _raster_points(path, drivers, ledger)
-    return _vector_points(path, ledger)
+        points, crs, said = _raster_points(path, drivers, ledger)
+    else:
+        points, crs, said = _vector_points(path, ledger)
+    if unit is None and said and _FEET.search(said):
+        ledger.note("noted", f"heights of the ground in feet, as the file says ({said})", path.name)
+        unit = "ft"
+    elif unit is None and not said and crs is not None and _FEET.search(crs.axis_info[0].unit_name):
+        ledger.warn(f"{path}: heights are taken as metres, though its plan is in feet: --terrain-unit ft, or m")
+    return (points * (1.0, 1.0, FOOT) if unit == "ft" else points), crs
+
+
+def _vertical_unit(crs: str | None) -> str:
+    """The name of the unit of heights in a coordinate system that has them; empty otherwise."""
+    with contextlib.suppress(pyproj.exceptions.ProjError):
+        whole = pyproj.CRS.from_user_input(crs or "")
+        for one in whole.sub_crs_list or [whole]:
+            for axis in one.axis_info:
+                if axis.direction.lower() in ("up", "down"):
+                    return axis.unit_name
+    return ""
 
 
 def _grid_size(bounds: tuple[float, float, float, float], spacing: float) -> tuple[int, int]:
@@ -242,8 +266,8 @@ def _spikes(place: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.bo
 
 def _raster_points(
     path: Path, drivers: tuple[str, ...], ledger: Ledger
-) -> tuple[NDArray[np.float64], pyproj.CRS | None]:
-    """Middles of cells with their values; decimated where there are many, cells without data left out."""
+) -> tuple[NDArray[np.float64], pyproj.CRS | None, str]:
+    """Middles of cells with their values; decimated where there are many, cells without data left out. Third: their unit."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -258,7 +282,8 @@ def _raster_points(
                 u, v = (i + 0.5) * raster.width / columns, (j + 0.5) * raster.height / rows
                 t = raster.transform
                 x, y = t.a * u + t.b * v + t.c, t.d * u + t.e * v + t.f
-                crs = declared_crs(path, None if raster.crs is None else raster.crs.to_wkt())
+                declared = None if raster.crs is None else raster.crs.to_wkt()
+                crs, unit = declared_crs(path, declared), raster.units[0] or _vertical_unit(declared)
     except (RasterioError, ValueError, OSError) as error:
         raise CityError(f"{path}: expected a raster of heights ({' or '.join(drivers)}); found: {error}") from error
     if not len(i):
@@ -267,7 +292,7 @@ def _raster_points(
         ledger.note("noted", f"raster of the ground: one cell in {step} each way is used", path.name)
     ledger.note("left out", "cell of the ground: no data", path.name, count=int((~known).sum()))
     ledger.note("left out", VOID.format("cell"), path.name, count=int(void.sum()))
-    return np.column_stack([x, y, values[j, i]]), crs
+    return np.column_stack([x, y, values[j, i]]), crs, unit
 
 
 def _opened(path: Path, drivers: tuple[str, ...]) -> rasterio.DatasetReader:
@@ -283,8 +308,8 @@ def no_height(z: NDArray[np.float64]) -> NDArray[np.bool_]:
     return (z < _LOWEST) | (z > _HIGHEST)
 
 
-def _vector_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyproj.CRS | None]:
-    """Corners of points and lines, heights from a column or from z."""
+def _vector_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyproj.CRS | None, str]:
+    """Corners of points and lines, heights from a column or from z; third: their unit, or a column that says it."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -305,11 +330,12 @@ def _vector_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyp
     if not len(xyz):
         raise CityError(f"{path}: expected points or contour lines with heights, found no geometry")
     columns = dict(zip((str(name) for name in meta["fields"]), data, strict=True))
-    column = _height_column(columns)
+    column, unit = _height_column(columns), _vertical_unit(meta["crs"])
     has_z = np.isfinite(xyz[:, 2]) & (xyz[:, 2] != 0.0)
     if column is not None and not (has_z.any() and np.isfinite(xyz[:, 2]).all()):
         xyz[:, 2] = np.asarray(columns[column], dtype=np.float64)[of]
         ledger.note("noted", f"heights of the ground: column {column}")
+        unit = f"column {column}: feet" if says_feet(column) else ""
     sound = np.isfinite(xyz).all(axis=1)
     if not sound.any():
         names = ", ".join(columns) or "none"
@@ -322,13 +348,15 @@ def _vector_points(path: Path, ledger: Ledger) -> tuple[NDArray[np.float64], pyp
     sound &= ~void
     if not sound.any():
         raise CityError(f"{path}: expected heights of the ground, found only values such as {xyz[void][0, 2]:g}")
-    return xyz[sound], declared_crs(path, meta["crs"])
+    return xyz[sound], declared_crs(path, meta["crs"]), unit
 
 
 def _height_column(columns: dict[str, NDArray[np.generic]]) -> str | None:
     """The column of numbers whose name means heights, the likeliest name first."""
     for wanted in _HEIGHTS:
         for name, values in columns.items():
-            if re.sub(r"[^a-z]", "", name.lower()) == wanted and np.asarray(values).dtype.kind in "iuf":
+            letters = re.sub(r"[^a-z]", "", name.lower())
+            plain = re.sub(r"(ft|feet)$", "", letters) if says_feet(name) else letters
+            if plain == wanted and np.asarray(values).dtype.kind in "iuf":
                 return name
     return None

@@ -8,7 +8,6 @@ They bring a ground of their own or leave it to be told from where the buildings
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -17,9 +16,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from pyproj import CRS
-from shapely.geometry import LineString, Polygon
+from shapely.geometry import Polygon
 
-from mmi.city.model import City, CityObject, TriangleMesh
+from mmi.city.model import City, TriangleMesh
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError, ParameterError
 from mmi.reading.antimeridian import joined_model, joined_streets
@@ -38,7 +37,7 @@ from mmi.reading.coordinates import (
     within_clip,
 )
 from mmi.reading.ground.ground import ground_of_buildings, ground_of_file, ground_of_model, settled
-from mmi.reading.ground.open_space import open_space_streets
+from mmi.reading.ground.open_space import open_space_layer
 from mmi.reading.maps.heights import FOOT
 from mmi.reading.maps.streets import graph_from_lines, moved_lines
 from mmi.reading.models.mesh_files import is_mesh, read_meshes
@@ -105,6 +104,7 @@ def city_of_model(
     override: CRS | None,
     clip: Box | None,
     terrain: Path | None,
+    terrain_unit: str | None = None,
     progress: Progress | None = None,
 ) -> City:
     """A city of the model's buildings. ``streets`` of another file replace its own; ``progress`` is told of each step.
@@ -130,20 +130,20 @@ def city_of_model(
     objects = objects_from_models(layer, move, ledger, progress=progress)
     if lines is None:
         with step(progress, "looking for paths through the open space"):
-            paths, enclosed = open_space_streets(np.array([one.footprint for one in objects], dtype=object))
-        if not paths:
-            raise CityError(
-                f"{layer.file}: no streets, and no open space between the buildings; expected --streets FILE"
-            )
-        ledger.note("inferred", "paths through the open space, as there are no streets", count=len(paths))
-        if enclosed > 0.0:
-            ledger.note("left out", "open space that is enclosed", metres=enclosed)
-        lines, network = StreetLayer(layer.file, paths, None, False), "all"
+            lines = open_space_layer(layer.file, np.array([one.footprint for one in objects], dtype=object), ledger)
+        network = "all"
         shapes = [list(item.lines) for item in lines.items]
     else:
         shapes = moved_lines(lines, street_crs, frame)
     with step(progress, "setting the buildings on the ground"):
-        ground = _ground(layer, objects, list(chain.from_iterable(shapes)), move, frame, terrain, ledger)
+        bounds = coordinate_bounds([one.footprint for one in objects])
+        ground: Terrain | float
+        if terrain is not None:
+            ground = ground_of_file(terrain, frame, bounds, ledger, unit=terrain_unit)
+        elif layer.terrain is not None:
+            ground = ground_of_model(layer.terrain, move, bounds, ledger)
+        else:
+            ground = ground_of_buildings(objects, list(chain.from_iterable(shapes)), bounds, ledger)
         objects = settled(objects, ground, ledger)
     with step(progress, "joining the streets"):
         graph = graph_from_lines(
@@ -202,21 +202,3 @@ def _clipped(layer: ModelLayer, crs: CRS | None, clip: Box, ledger: Ledger) -> M
         raise ParameterError(f"--clip: a model with a coordinate system expected, found {layer.file} (--crs names one)")
     near = meets_box(_boxes(layer), crs, clip)
     return replace(layer, items=within_clip(layer.items, near, clip, ledger, file=layer.file, kind="building"))
-
-
-def _ground(
-    layer: ModelLayer,
-    objects: tuple[CityObject, ...],
-    streets: list[LineString],
-    move: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    frame: LocalFrame,
-    terrain: Path | None,
-    ledger: Ledger,
-) -> Terrain | float:
-    """The ground from the file ``terrain``, else from the model, else from the buildings' feet and across ``streets``."""
-    bounds = coordinate_bounds([one.footprint for one in objects])
-    if terrain is not None:
-        return ground_of_file(terrain, frame, bounds, ledger)
-    if layer.terrain is not None:
-        return ground_of_model(layer.terrain, move, bounds, ledger)
-    return ground_of_buildings(objects, streets, bounds, ledger)

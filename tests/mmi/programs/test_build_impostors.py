@@ -268,7 +268,8 @@ def _no_buildings(folder):
 
 
 def _no_streets(folder):
-    return [town(folder / "town.osm", tags={"height": "12"}, highways=False)], "town.osm: no streets"
+    city = town(folder / "town.osm", tags={"height": "12"}, highways=False)
+    return [city, "--streets", city], "town.osm: no streets: no line layer or highways in it; expected streets, as"
 
 
 def _no_heights(folder):

@@ -8,16 +8,19 @@ import shapely
 from cities import HELSINKI
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import Voronoi
 from shapely.geometry import LineString, Polygon, box
 
 from mmi.foundation.errors import CityError
-from mmi.reading.ground.open_space import open_space_streets
+from mmi.reading.ground.open_space import open_space_layer, open_space_streets
+from mmi.reading.ground.skeleton import skeleton_between
 from mmi.reading.read_city import read_city
+from mmi.reading.report import Ledger
 
 
 def paths(*buildings, **options):
-    streets, left_out = open_space_streets(np.array(buildings, dtype=object), **options)
-    return streets, [one.lines[0] for one in streets], left_out
+    found = open_space_streets(np.array(buildings, dtype=object), **options)
+    return found.streets, [one.lines[0] for one in found.streets], found.enclosed_m
 
 
 def ends_of(lines):
@@ -106,7 +109,7 @@ def test_paths_never_touch_a_building_and_are_connected(seed):
 def test_a_moved_city_has_the_same_paths():
     blocks = np.array(four_blocks(14.0), dtype=object)
     shifted = shapely.transform(blocks, lambda xy: np.add(xy, (4000.0, -7000.0)))
-    a, b = (open_space_streets(one)[0] for one in (blocks, shifted))
+    a, b = (open_space_streets(one).streets for one in (blocks, shifted))
     assert sum(s.lines[0].length for s in a) == pytest.approx(sum(s.lines[0].length for s in b), abs=0.1)
 
 
@@ -114,10 +117,60 @@ def test_paths_of_helsinki_find_its_streets():
     city, _ = read_city(HELSINKI)
     part = box(-100, -900, 300, -200)
     solid = np.array([one.footprint for one in city.objects if one.footprint.within(part)], dtype=object)
-    streets, left_out = open_space_streets(solid)
-    lines = shapely.union_all([one.lines[0] for one in streets])
+    found = open_space_streets(solid)
+    lines = shapely.union_all([one.lines[0] for one in found.streets])
     assert not shapely.STRtree(solid).query(lines, predicate="intersects").size
     known = shapely.union_all([edge["geometry"] for _, _, edge in city.streets.edges(data=True)])
     known = shapely.intersection(known, shapely.union_all(solid).convex_hull)
     assert shapely.intersection(known, shapely.buffer(lines, 8.0)).length > 0.5 * known.length
-    assert left_out > 1000.0  # courtyards
+    assert found.enclosed_m > 1000.0  # courtyards
+
+
+def scattered(seed, n=60, size=300.0):
+    rng = np.random.default_rng(seed)
+    houses = [box(x, y, x + w, y + h) for x, y, w, h in rng.uniform((0, 0, 6, 6), (size, size, 25, 25), (n, 4))]
+    return shapely.union_all([shapely.affinity.rotate(one, rng.uniform(0, 90)) for one in houses])
+
+
+def places_of(skeleton):
+    """The skeleton's edges as sorted rows of their ends, to the millimetre."""
+    ends = np.sort(np.round(skeleton.at[skeleton.edges], 3).view("f8,f8").reshape(-1, 2), axis=1)
+    return {tuple(map(tuple, pair)) for pair in ends.tolist() if pair[0] != pair[1]}
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 10**6), st.sampled_from([300, 1000, 4000]))
+def test_the_skeleton_of_tiles_is_that_of_the_whole(seed, tile_points):
+    solid = scattered(seed)
+    region = solid.convex_hull.buffer(10.0)
+    whole = skeleton_between(solid, region, 1.0, 2.0)
+    tiled = skeleton_between(solid, region, 1.0, 2.0, tile_points=tile_points)
+    differ = places_of(whole) ^ places_of(tiled)
+    assert len(differ) <= 0.002 * len(whole.edges)  # rounding to the millimetre, and edges shorter than that
+    assert tiled.left_out == pytest.approx(whole.left_out, abs=0.1)
+
+
+def test_the_skeleton_is_part_of_the_voronoi_diagram_that_keeps_clear():
+    """Against the definition: every node is equally far from three points of walls or more, and none is nearer."""
+    solid = scattered(4)
+    skeleton = skeleton_between(solid, solid.convex_hull, 1.0, 2.0, tile_points=500)
+    points = np.unique(np.round(shapely.get_coordinates(shapely.segmentize(solid, 1.0)), 6), axis=0)
+    nodes = np.unique(skeleton.edges)
+    assert len(nodes) > 500
+    for node in nodes[::37]:
+        metres = np.sort(np.linalg.norm(points - skeleton.at[node], axis=1))
+        assert metres[:3] == pytest.approx(skeleton.clearance[node], abs=1e-6)
+    assert len(Voronoi(points).vertices) > len(nodes)
+    lines = shapely.linestrings(skeleton.at[skeleton.edges])
+    assert shapely.distance(lines, solid).min() >= 2.0 - 1e-9
+
+
+def test_what_is_coarse_is_told(monkeypatch):
+    blocks = np.array(four_blocks(14.0), dtype=object)
+    ledger = Ledger()
+    layer = open_space_layer("town", blocks, ledger)
+    assert (len(layer.items), ledger.report(source="", crs="", origin=(0, 0, 0)).warnings) == (4, ())
+    monkeypatch.setattr("mmi.reading.ground.open_space._MOST_POINTS", 200)
+    assert len(open_space_layer("town", blocks, ledger).items) == 4
+    (warning,) = ledger.report(source="", crs="", origin=(0, 0, 0)).warnings
+    assert warning.startswith("town: paths are coarse, as the city is large: there is none through gaps under 5.7 m")

@@ -22,6 +22,9 @@ from mmi.reading.read_options import ReadOptions
         ({"network": "fly"}, "--network: expected drive, walk or all, found 'fly'"),
         ({"objects": "trees"}, "--objects: expected buildings or blocks, found 'trees'"),
         ({"height_unit": "feet"}, "--height-unit: expected m or ft, found 'feet'"),
+        ({"facades": "brick"}, "--facades: expected painted or plain, found 'brick'"),
+        ({"terrain_unit": "mm", "terrain": "dem.tif"}, "--terrain-unit: expected m or ft, found 'mm'"),
+        ({"terrain_unit": "ft"}, "--terrain-unit: heights of the ground (--terrain) expected, found 'ft'"),
         ({"up": "x"}, "--up: expected auto, y or z, found 'x'"),
         ({"lod": "5"}, "--lod: a level of detail such as 2 or 1.3 expected, found '5'"),
         ({"clip": (9.0, 48.0, 8.0, 49.0)}, "--clip: expected west < east and south < north in degrees, found"),
@@ -54,6 +57,7 @@ def test_every_option_has_its_argument():
     told = ReadOptions(
         streets=Path("roads.shp"),
         terrain=Path("dem.tif"),
+        terrain_unit="ft",
         crs="EPSG:32632",
         network="walk",
         objects="blocks",
@@ -66,6 +70,7 @@ def test_every_option_has_its_argument():
         streets_layer="ways",
         lod="2.2",
         up="z",
+        facades="plain",
     )
     assert not [one.name for one in fields(told) if getattr(told, one.name) == getattr(ReadOptions(), one.name)]
     words = []

@@ -154,11 +154,13 @@ def test_contour_lines_give_their_corners(tmp_path):
     assert (points[:, 1] == points[:, 2]).all()
 
 
-def raster(path, values, *, nodata=-9999.0, crs="EPSG:32632"):
+def raster(path, values, *, nodata=-9999.0, crs="EPSG:32632", unit=None):
     transform = rasterio.Affine(10.0, 0.0, 500000.0, 0.0, -10.0, 5000000.0)
     profile = {"driver": "GTiff", "height": values.shape[0], "width": values.shape[1], "count": 1, "dtype": "float32"}
     with rasterio.open(path, "w", **profile, crs=crs, transform=transform, nodata=nodata) as file:
         file.write(values.astype("float32"), 1)
+        if unit is not None:
+            file.units = [unit]
     return path
 
 
@@ -213,6 +215,67 @@ def test_voids_in_the_ground_of_a_model(triangles):
     inside = np.array([(20.0, 20.0), (50.0, 50.0), (80.0, 20.0)])
     assert terrain.at(inside) == pytest.approx(0.1 * inside[:, 0], abs=1.0)
     assert ledger.count("left out", VOID.format("triangle" if triangles else "point")) == (6 if triangles else 1)
+
+
+@pytest.mark.parametrize(
+    ("crs", "unit", "told", "metres"),
+    [
+        ("EPSG:32632", None, None, 100.0),
+        ("EPSG:32632", None, "ft", 30.48),
+        ("EPSG:32632", "m", None, 100.0),
+        ("EPSG:32632", "ft", None, 30.48),
+        ("EPSG:32632", "US survey foot", None, 30.48),
+        ("EPSG:32632", "feet", "m", 100.0),
+        ("EPSG:2263+6360", None, None, 30.48),  # plan and heights in feet
+        ("EPSG:2263+5703", None, None, 100.0),  # heights in metres over a plan in feet
+        ("EPSG:32618+6360", "m", None, 100.0),  # the raster's own unit goes before
+    ],
+)
+def test_rasters_in_feet(tmp_path, crs, unit, told, metres):
+    ledger = Ledger()
+    file = raster(tmp_path / "r.tif", np.full((2, 3), 100.0), crs=crs, unit=unit)
+    points, _ = read_relief_points(file, ledger, unit=told)
+    assert points[:, 2] == pytest.approx(metres, abs=1e-9)
+    assert (points[:, 1] > 4_999_000).all()
+    said = sum(one.what.startswith("heights of the ground in feet, as the file says") for one in noted(ledger))
+    assert said == (told is None and metres != 100.0)
+    assert not ledger.report(source="", crs="", origin=(0.0, 0.0, 0.0)).warnings
+
+
+def noted(ledger):
+    return ledger.report(source="", crs="", origin=(0.0, 0.0, 0.0)).noted
+
+
+def test_a_plan_in_feet_makes_heights_in_feet_likely(tmp_path):
+    ledger = Ledger()
+    points, _ = read_relief_points(raster(tmp_path / "r.tif", np.full((2, 2), 7.0), crs="EPSG:2263"), ledger)
+    assert (points[:, 2] == 7.0).all()
+    (warning,) = ledger.report(source="", crs="", origin=(0.0, 0.0, 0.0)).warnings
+    assert warning.endswith("r.tif: heights are taken as metres, though its plan is in feet: --terrain-unit ft, or m")
+    ledger = Ledger()
+    points, _ = read_relief_points(tmp_path / "r.tif", ledger, unit="ft")
+    assert points[:, 2] == pytest.approx(7.0 * 0.3048)
+    assert not ledger.report(source="", crs="", origin=(0.0, 0.0, 0.0)).warnings
+
+
+@pytest.mark.parametrize("column", ["elev_ft", "Height (ft)", "CONTOUR_FEET", "height_ft"])
+def test_columns_of_ground_that_say_feet(tmp_path, column):
+    at = [(shapely.Point(x, 0), {column: 50.0 + x}) for x in range(3)]
+    ledger = Ledger()
+    file = geojson(tmp_path / "c.geojson", at, crs="EPSG:32632")
+    points, _ = read_relief_points(file, ledger)
+    assert points[:, 2] == pytest.approx(np.array([50.0, 51.0, 52.0]) * 0.3048)
+    assert f"heights of the ground in feet, as the file says (column {column}: feet)" in [
+        one.what for one in noted(ledger)
+    ]
+    assert read_relief_points(file, ledger, unit="m")[0][:, 2].tolist() == [50.0, 51.0, 52.0]
+
+
+def test_voids_are_told_in_the_units_of_the_file(tmp_path):
+    """-1450 ft is ground by the Dead Sea; -9999 is none, and 0.3048 times it neither."""
+    values = np.array([[-1410.0, -9999.0, -32768.0, 29_000.0]])
+    points, _ = read_relief_points(raster(tmp_path / "r.tif", values, nodata=None, unit="ft"), Ledger())
+    assert points[:, 2] == pytest.approx(np.array([-1410.0, 29_000.0]) * 0.3048)
 
 
 def test_a_large_raster_is_decimated(tmp_path):

@@ -282,6 +282,37 @@ def test_repeated_lines_become_one_and_are_counted(tmp_path):
     assert tally(report, "left out", "street: repeats another or too short") == 1
 
 
+def test_footprints_without_streets_get_paths_between_them(tmp_path):
+    path = houses(
+        tmp_path / "h.geojson", *((box(x, y, x + 30, y + 20), {"height": 9}) for x in (-35, 5) for y in (-25, 5))
+    )
+    city, report = read_city(path)
+    paths = [edge["geometry"] for _, _, edge in city.streets.edges(data=True)]
+    crossing = shapely.union_all([LineString([(-35, 0), (35, 0)]), LineString([(0, -25), (0, 25)])])
+    assert all(line.within(crossing.buffer(1.0)) for line in paths)
+    assert shapely.union_all(paths).length > 0.85 * crossing.length
+    assert {edge["kind"] for *_, edge in city.streets.edges(data=True)} == {"pedestrian"}
+    assert tally(report, "inferred", "paths through the open space, as there are no streets") == 4
+    (warning,) = report.warnings
+    assert warning.endswith(
+        "h.geojson: no streets: no line layer or highways in it; paths lead through the open space instead (--streets FILE)"
+    )
+
+
+def test_paths_of_a_clipped_city_end_at_the_box(tmp_path):
+    blocks = [(degrees(box(x, y, x + 30, y + 20)), {"height": 9}) for x in (-35, 5) for y in (-25, 5, 35)]
+    path = geojson(tmp_path / "h.geojson", blocks)
+    west, south, _, _ = degrees(box(-100, -100, 0, 0)).bounds
+    east, north = degrees(Point(100, 20)).coords[0]
+    city, report = read_city(path, ReadOptions(clip=(west, south, east, north)))
+    assert len(city.objects) == 4
+    assert tally(report, "left out", "building: outside --clip") == 2
+    lines = shapely.union_all([edge["geometry"] for *_, edge in city.streets.edges(data=True)])
+    clear = shapely.union_all([one.footprint for one in city.objects])
+    assert not lines.is_empty
+    assert lines.distance(clear) > 2.0
+
+
 def test_lines_in_several_parts(tmp_path):
     parts = MultiLineString([[(-100, 0), (-50, 0)], [(50, 0), (100, 0)]])
     city, report = network(tmp_path, (parts, {"type": "Route"}), (LineString([(0, -20), (0, 20)]), {"tunnel": "yes"}))
@@ -325,8 +356,16 @@ def test_missing_streets_and_unreadable_files_are_refused_in_one_line(tmp_path, 
         assert name in str(caught.value)
     with pytest.raises(CityError, match=r"cityjson\.json: "):
         read_city(tmp_path / "cityjson.json", ReadOptions(streets=street))
-    with pytest.raises(CityError, match=r"no streets.*--streets FILE"):
-        read_city(path)
+    with pytest.raises(
+        CityError, match=r"h\.geojson: no streets: no line layer.* in it; expected streets, as this is where"
+    ):
+        read_city(path, ReadOptions(streets=path))
+    with pytest.raises(CityError, match=r"--streets-layer 'roads': no such layer"):
+        read_city(path, ReadOptions(streets_layer="roads"))
+    with pytest.raises(
+        CityError, match=r"no streets: no usable line in it; left out: 1 not a line; expected streets, as"
+    ):
+        read_city(path, ReadOptions(streets_layer="h"))
     with pytest.raises(CityError, match="no such file"):
         read_city(path, ReadOptions(streets=tmp_path / "nowhere.geojson"))
 

@@ -303,8 +303,12 @@ def test_nothing_to_build_is_refused_with_a_way_out(tmp_path):
         read_city(only_street)
     osm = OsmFile()
     osm.box(1, 0, 0, 20, 10, building="yes", height="5")
-    with pytest.raises(CityError, match=r"no streets.*--streets FILE"):
-        read_city(osm.write(tmp_path / "b.osm"))
+    path = osm.write(tmp_path / "b.osm")
+    with pytest.raises(CityError, match=r"b\.osm: no streets: no line layer or highways in it; expected streets, as"):
+        read_city(path, ReadOptions(streets=path))
+    city, report = read_city(path)
+    assert kinds(city) == ["pedestrian"]  # around the only house
+    assert tally(report, "inferred", "paths through the open space, as there are no streets") == 1
     osm.way(2, [(0.0, -5.0), (50.0, -5.0)], highway="footway")
     with pytest.raises(CityError, match=r"no streets for --network drive; found only 1 footway"):
         read_city(osm.write(tmp_path / "c.osm"))
