@@ -7,7 +7,7 @@ Source: Ogniewicz & Kübler, Hierarchic Voronoi skeletons, 1995 (the idea; dead 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
@@ -30,8 +30,12 @@ _WIDEST = 12.0
 _MOST_POINTS = 1_200_000
 _NARROWEST_UNTOLD = 4.2
 """Metres: coarser paths than these are told of."""
-_SHORTEST_WALK = 5.0
-"""Times the width of a path: where all paths together are shorter, there is only a gap, and the walk leads around the city."""
+_SHORTEST = 5.0
+"""Times the width of a path: what leads from the way around the city into a niche is shorter."""
+_FEW, _WORTH = 0.25, 0.1
+"""The way around the city is walked where the longest paths that are connected are shorter than the first share of it, or
+where it connects paths to them that are longer than the second share of these.
+"""
 _BEYOND = 1.6
 """Times the clearance of its junction that a dead end must reach to be worth a walk; the arm into a corner reaches 1.41."""
 _HULL_RATIO = 0.15
@@ -44,7 +48,7 @@ class OpenSpace:
 
     Attributes:
         streets: the paths; all are connected.
-        enclosed_m: metres of paths that nothing connects to these, in courtyards.
+        enclosed_m: metres between walls that nothing connects to these, in courtyards.
         narrowest_m: a gap between buildings that is narrower than this, metres, has no path.
     """
 
@@ -58,13 +62,13 @@ def open_space_streets(
 ) -> OpenSpace:
     """Paths midway between the buildings ``footprints`` (n,), polygons in metres.
 
-    What nothing connects to the longest of them (in courtyards) is left out.
+    All are connected. Where they are few, or where parts of them meet only outside of the city, the way around it joins them;
+    what nothing connects to the longest of them (in courtyards) is left out.
 
     They keep ``min_width`` / 2 metres from every building and stay within ``margin`` metres of the city's hull. ``spacing``
     is that of the points on the outlines, metres: by default a quarter of ``min_width``, more where the outlines of a large
     city would have more than 1,200,000 points.
-    Tags: ``highway`` = pedestrian, ``width`` = twice the smallest clearance, at most 12 m. Where there is nothing between
-    buildings, the path leads around them.
+    Tags: ``highway`` = pedestrian, ``width`` = twice the smallest clearance, at most 12 m.
 
     Raises:
         CityError: no footprints, or none with an area.
@@ -74,17 +78,58 @@ def open_space_streets(
         raise CityError("paths through open space need buildings, found no footprint with an area")
     solid = shapely.union_all(shapely.make_valid(buildings))
     solid = shapely.multipolygons([part for part in shapely.get_parts(solid) if part.geom_type == "Polygon"])
-    region = _region(solid, margin)
+    city = _filled(solid)
     total = shapely.length(solid)
     step = max(0.25 * min_width, total / _MOST_POINTS) if spacing is None else spacing
-    skeleton = skeleton_between(solid, region, step, 0.5 * min_width)
-    lines = _lines(skeleton)
-    streets = _as_streets(_simplified(lines, solid, 0.5 * min_width), solid)
-    if sum(line.length for one in streets for line in one.lines) < _SHORTEST_WALK * min_width:
-        around = shapely.get_parts(shapely.buffer(solid, max(0.5 * margin, min_width)))
-        around = max(around, key=shapely.area)
-        streets = _as_streets([LineString(shapely.simplify(around.exterior, 0.25 * min_width).coords)], solid)
-    return OpenSpace(streets, skeleton.left_out, float(np.hypot(min_width, step)))
+    skeleton = skeleton_between(solid, shapely.buffer(city, margin), step, 0.5 * min_width)
+    metres = np.linalg.norm(skeleton.at[skeleton.edges[:, 0]] - skeleton.at[skeleton.edges[:, 1]], axis=1)
+    shares = np.bincount(skeleton.parts[skeleton.edges[:, 0]], weights=metres, minlength=1)
+    lines, parts = _lines(skeleton)
+    lines, parts = _simplified(lines, parts, solid, 0.5 * min_width)
+    around = shapely.simplify(shapely.buffer(city, max(0.5 * margin, min_width)), 0.25 * min_width)
+    edge = shapely.boundary(around)
+    links, linked = _links(lines, parts, edge, solid, clearance=0.5 * min_width, reach=2.0 * margin)
+    longest, reached = np.zeros((2, len(shares)), dtype=np.bool_)
+    longest[np.argmax(shares)] = True
+    reached[[*parts[shapely.intersects(lines, edge)], *linked]] = True
+    reached &= shares > _SHORTEST * min_width
+    is_few = shares.max() < _FEW * edge.length
+    is_worth = shares[reached & ~longest].sum() > _WORTH * shares.max()
+    kept = reached if is_few or is_worth else longest
+    paths = list(lines[kept[parts]])
+    if is_few or is_worth:
+        inside = shapely.intersection([*paths, *links[kept[linked]]], around)
+        paths = [*_pieces(inside), *_pieces(shapely.get_exterior_ring(shapely.get_parts(around)))]
+    return OpenSpace(_as_streets(paths, solid), float(shares[~kept].sum()), float(np.hypot(min_width, step)))
+
+
+def _links(
+    lines: NDArray[np.object_],
+    parts: NDArray[np.intp],
+    edge: BaseGeometry,
+    solid: BaseGeometry,
+    *,
+    clearance: float,
+    reach: float,
+) -> tuple[NDArray[np.object_], NDArray[np.intp]]:
+    """Straight lines (k,) from loose ends of ``lines`` to ``edge``, of at most ``reach`` metres and clear; and their parts."""
+    if not len(lines):
+        return lines, parts
+    ends = shapely.points(np.concatenate([shapely.get_coordinates(shapely.get_point(lines, k)) for k in (0, -1)]))
+    _, place, times = np.unique(shapely.get_coordinates(ends), axis=0, return_inverse=True, return_counts=True)
+    loose = times[place.reshape(-1)] == 1
+    links = shapely.shortest_line(ends[loose], edge)
+    clear = _distances(shapely.STRtree(shapely.get_parts(solid)))(links) >= clearance
+    good = clear & (shapely.length(links) <= reach) & (shapely.length(links) > 0.0)
+    return links[good], np.tile(parts, 2)[loose][good]
+
+
+def _pieces(shapes: Sequence[BaseGeometry] | NDArray[np.object_]) -> list[LineString]:
+    """Lines and rings, and those of collections, as lines with a length."""
+    parts = shapely.get_parts(np.asarray(shapes, dtype=object))
+    return [
+        LineString(one.coords) for one in parts if one.geom_type in ("LineString", "LinearRing") and one.length > 0.0
+    ]
 
 
 def open_space_layer(file: str, footprints: NDArray[np.object_], ledger: Ledger) -> StreetLayer:
@@ -107,18 +152,22 @@ def open_space_layer(file: str, footprints: NDArray[np.object_], ledger: Ledger)
     return StreetLayer(file, found.streets, None, False)
 
 
-def _region(solid: BaseGeometry, margin: float) -> BaseGeometry:
-    """The city's hull, bays filled, grown by ``margin``."""
+def _filled(solid: BaseGeometry) -> BaseGeometry:
+    """The city's hull, with all that reaches over it, and without holes: what lies between both is filled."""
     try:
         hull = shapely.concave_hull(solid, ratio=_HULL_RATIO)
     except shapely.errors.GEOSException:  # the hull's triangulation fails on some outlines: their corners are enough
         corners = np.unique(np.round(shapely.get_coordinates(solid), 1), axis=0)
         hull = shapely.concave_hull(shapely.multipoints(corners), ratio=_HULL_RATIO)
-    return shapely.buffer(shapely.union(hull, solid), margin)
+    both = shapely.get_parts(shapely.union(hull, solid))
+    return shapely.union_all(shapely.polygons(shapely.get_exterior_ring(both[shapely.get_type_id(both) == 3])))
 
 
-def _lines(skeleton: Skeleton) -> list[LineString]:
-    """Lines between junctions, after dead ends that show nothing new are gone and junctions side by side are one."""
+def _lines(skeleton: Skeleton) -> tuple[NDArray[np.object_], NDArray[np.intp]]:
+    """Lines (n,) between junctions, after dead ends that show nothing new are gone and junctions side by side are one.
+
+    Second: the skeleton's part (n,) that each belongs to.
+    """
     neighbours: dict[int, list[int]] = {}
     for i, j in skeleton.edges.tolist():
         neighbours.setdefault(i, []).append(j)
@@ -130,7 +179,7 @@ def _lines(skeleton: Skeleton) -> list[LineString]:
                 neighbours[other].remove(node)
         chains = _chains(neighbours)
     centre = _crossings(neighbours, chains, skeleton)
-    lines = []
+    lines, parts = [], []
     for nodes in chains:
         head, tail = centre.get(nodes[0]), centre.get(nodes[-1])
         if head is not None and tail is not None and head == tail and nodes[0] != nodes[-1]:
@@ -139,7 +188,8 @@ def _lines(skeleton: Skeleton) -> list[LineString]:
         line = LineString([*ends[0], *skeleton.at[nodes].tolist(), *ends[1]])
         if line.length > 0.0:
             lines.append(line)
-    return lines
+            parts.append(skeleton.parts[nodes[0]])
+    return np.array(lines, dtype=object), np.array(parts, dtype=np.intp)
 
 
 def _chains(neighbours: dict[int, list[int]]) -> list[list[int]]:
@@ -213,20 +263,21 @@ def _crossings(
     return centre
 
 
-def _simplified(lines: list[LineString], solid: BaseGeometry, clearance: float) -> list[LineString]:
-    """Lines with as few points as keep the clearance; those that do not have it to begin with, as they are."""
-    if not lines:
-        return []
+def _simplified(
+    lines: NDArray[np.object_], parts: NDArray[np.intp], solid: BaseGeometry, clearance: float
+) -> tuple[NDArray[np.object_], NDArray[np.intp]]:
+    """Lines with as few points as keep the clearance; those that do not have it to begin with, as they are; and ``parts``."""
     tree = shapely.STRtree(shapely.get_parts(solid))
     distance = _distances(tree)
-    current = np.array(lines, dtype=object)
+    current = lines.copy()
     have = distance(current)
     for share in (0.5, 0.25, 0.1):
-        todo = np.flatnonzero(shapely.get_num_points(current) == shapely.get_num_points(np.array(lines, dtype=object)))
+        todo = np.flatnonzero(shapely.get_num_points(current) == shapely.get_num_points(lines))
         fewer = shapely.simplify(current[todo], np.minimum(share * have[todo], 1.5))
         fine = distance(fewer) >= np.minimum(clearance, have[todo]) - 1e-9
         current[todo[fine]] = fewer[fine]
-    return list(current[distance(current) > 0.0])
+    clear = distance(current) > 0.0
+    return current[clear], parts[clear]
 
 
 def _distances(tree: shapely.STRtree) -> Callable[[NDArray[np.object_]], NDArray[np.float64]]:

@@ -35,20 +35,20 @@ class Skeleton:
     Attributes:
         at: (n, 2) the nodes, metres.
         clearance: (n,) metres from each node to the nearest point of a wall.
-        edges: (m, 2) pairs of nodes; all are connected.
-        left_out: metres of edges that nothing connects to these.
+        edges: (m, 2) pairs of nodes.
+        parts: (n,) a number for each node: edges connect what has the same.
     """
 
     at: _Floats
     clearance: _Floats
     edges: NDArray[np.intp]
-    left_out: float
+    parts: NDArray[np.intp]
 
 
 def skeleton_between(
     solid: BaseGeometry, region: BaseGeometry, step: float, clearance: float, *, tile_points: int = _TILE_POINTS
 ) -> Skeleton:
-    """The longest connected part of the Voronoi edges in ``region`` that keep ``clearance`` metres from ``solid``.
+    """The Voronoi edges in ``region`` that keep ``clearance`` metres from ``solid``.
 
     Points stand every ``step`` metres on the outlines, and at most ``tile_points`` in a tile.
     """
@@ -65,14 +65,9 @@ def skeleton_between(
     shapely.prepare(region)
     free = shapely.contains_xy(region, at) & ~shapely.intersects_xy(solid, at)
     edges = edges[free[edges].all(axis=1)]
-    if not len(edges):
-        return Skeleton(at, radius, edges, 0.0)
-    metres = np.linalg.norm(at[edges[:, 0]] - at[edges[:, 1]], axis=1)
     network = coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(at), len(at)))
-    _, labels = connected_components(network, directed=False)
-    shares = np.bincount(labels[edges[:, 0]], weights=metres)
-    longest = labels[edges[:, 0]] == np.argmax(shares)
-    return Skeleton(at, radius, edges[longest], float(shares.sum() - shares.max()))
+    _, parts = connected_components(network, directed=False)
+    return Skeleton(at, radius, edges, parts.astype(np.intp))
 
 
 def _tiles(points: _Floats, most: int) -> Iterator[tuple[_Floats, _Floats]]:
