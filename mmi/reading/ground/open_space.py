@@ -92,7 +92,8 @@ def open_space_streets(
     longest, reached = np.zeros((2, len(shares)), dtype=np.bool_)
     longest[np.argmax(shares)] = True
     reached[[*parts[shapely.intersects(lines, edge)], *linked]] = True
-    reached &= shares > _SHORTEST * min_width
+    niches = reached & (shares <= _SHORTEST * min_width)
+    reached &= ~niches
     is_few = shares.max() < _FEW * edge.length
     is_worth = shares[reached & ~longest].sum() > _WORTH * shares.max()
     kept = reached if is_few or is_worth else longest
@@ -100,6 +101,7 @@ def open_space_streets(
     if is_few or is_worth:
         inside = shapely.intersection([*paths, *links[kept[linked]]], around)
         paths = [*_pieces(inside), *_pieces(shapely.get_exterior_ring(shapely.get_parts(around)))]
+        kept |= niches
     return OpenSpace(_as_streets(paths, solid), float(shares[~kept].sum()), float(np.hypot(min_width, step)))
 
 
