@@ -69,8 +69,11 @@ def quiet_libraries(*, threads: Callable[[BaseException], None] = lambda _: None
     """From now on neither warnings nor logs of libraries reach standard error; returns what undoes it.
 
     Warnings that are to be errors still are. Logs go where whoever has set up logging wants them. Errors that end a thread go
-    to ``threads``, and those of finalizers, which end nothing, to nobody.
+    to ``threads``, and those of finalizers, which end nothing, to nobody. Mesa, which would complain where it cannot keep its
+    shaders, is told not to keep any there.
     """
+    if not _may_keep_shaders():
+        os.environ.setdefault("MESA_SHADER_CACHE_DISABLE", "true")
     handler = logging.NullHandler()
     before = warnings.showwarning, threading.excepthook, sys.unraisablehook
     logging.getLogger().addHandler(handler)
@@ -83,3 +86,13 @@ def quiet_libraries(*, threads: Callable[[BaseException], None] = lambda _: None
         logging.getLogger().removeHandler(handler)
 
     return undo
+
+
+def _may_keep_shaders() -> bool:
+    """Whether the folder under which Mesa keeps compiled shaders is there, or can be made."""
+    try:
+        place = Path(os.environ.get("XDG_CACHE_HOME") or Path.home())
+    except RuntimeError:  # a user without a home whom the system does not know
+        return False
+    folder = place if place.exists() else place.parent
+    return folder.is_dir() and os.access(folder, os.W_OK)

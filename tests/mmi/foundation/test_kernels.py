@@ -1,5 +1,6 @@
 """Compiled functions where their translations can be kept, and where nothing can be written."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -7,9 +8,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from cities import crossroads
 
 from mmi.foundation import kernels
 from mmi.foundation.kernels import kernel
+from mmi.writing.cityjson_writer import write_cityjson
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -74,16 +77,24 @@ if __name__ == "__main__":
 """
 
 
-def test_an_installation_that_cannot_be_written_and_has_no_home_works(tmp_path):
-    """Also in processes that it starts. A file in place of each ``__pycache__`` keeps root out of it as well."""
-    root, here = tmp_path / "installed", tmp_path / "here"
+@pytest.fixture
+def installed(tmp_path):
+    """A copy of the packages in which nothing can be written. A file in place of each ``__pycache__`` keeps root out too."""
+    root = tmp_path / "installed"
     for package in ("mmi", "viewer"):
         shutil.copytree(ROOT / package, root / package, ignore=shutil.ignore_patterns("__pycache__"))
-    for folder in [root, *(one for one in root.rglob("*") if one.is_dir())]:
+    folders = [root, *(one for one in root.rglob("*") if one.is_dir())]
+    for folder in folders:
         (folder / "__pycache__").write_text("")
         folder.chmod(0o555)
+    yield root
+    for folder in folders:
+        folder.chmod(0o755)
+
+
+def run_without_a_home(root, here, *arguments):
+    """(status, output, errors) of Python in the empty folder ``here``, where nothing is left."""
     here.mkdir()
-    (tmp_path / "script.py").write_text(SCRIPT)
     nowhere = {
         "HOME": "/dev/null/nowhere",
         "XDG_CACHE_HOME": "/dev/null/nowhere",
@@ -92,14 +103,38 @@ def test_an_installation_that_cannot_be_written_and_has_no_home_works(tmp_path):
     }
     kept = {key: one for key, one in os.environ.items() if not key.startswith(("COV", "NUMBA_CACHE"))}
     done = subprocess.run(
-        [sys.executable, str(tmp_path / "script.py"), str(root)],
+        [sys.executable, *map(str, arguments)],
         capture_output=True,
         text=True,
         check=False,
         env=kept | nowhere,
         cwd=here,
     )
-    assert (done.returncode, done.stdout, done.stderr) == (0, "True True\nTrue\n", "")
     assert not list(here.iterdir())
-    for folder in [root, *(one for one in root.rglob("*") if one.is_dir())]:
-        folder.chmod(0o755)
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_an_installation_that_cannot_be_written_and_has_no_home_works(installed, tmp_path):
+    """Also in processes that it starts."""
+    (tmp_path / "script.py").write_text(SCRIPT)
+    found = run_without_a_home(installed, tmp_path / "here", tmp_path / "script.py", installed)
+    assert found == (0, "True True\nTrue\n", "")
+
+
+@pytest.mark.slow
+def test_it_builds_and_compares_a_cell(installed, tmp_path):
+    """Every function is compiled anew, in each process."""
+    write_cityjson(crossroads(), tmp_path / "city.json")
+    few = ["--display", "64x64", "--near-distance", "20", "--max-cells", "1", "--workers", "1", "--quiet"]
+    views = ["--views", "1", "--techniques", "full,multi-mesh", "--no-flip", "--worst", "1", "--quiet"]
+    for number, (module, arguments) in enumerate(
+        (
+            ("mmi.programs.build_impostors", [tmp_path / "city.json", "-o", tmp_path / "out", *few]),
+            ("viewer.programs.compare_impostors", [tmp_path / "out", "-o", tmp_path / "report", *views]),
+        )
+    ):
+        name = module.rpartition(".")[2]
+        start = f"import {module} as program; assert program.__file__.startswith({str(installed)!r}); program.{name}()"
+        found = run_without_a_home(installed, tmp_path / f"here{number}", "-c", start, *arguments)
+        assert found == (0, "", "")
+    assert json.loads((tmp_path / "report" / "report.json").read_text())["views"] == 1
