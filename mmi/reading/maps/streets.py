@@ -24,6 +24,7 @@ from mmi.city.model import CityObject
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError
 from mmi.reading.coordinates import LocalFrame, to_local_frame
+from mmi.reading.maps.along_lines import nearest_places, points_along
 from mmi.reading.maps.heights import parse_metres
 from mmi.reading.raw_layers import RawStreet, StreetLayer, is_yes
 from mmi.reading.report import Ledger
@@ -224,19 +225,29 @@ def _split_where_touching(used: Sequence[RawStreet], lines: Sequence[Sequence[Li
         here = np.flatnonzero(levels == level)
         noded = shapely.get_parts(shapely.union_all(flat[here], grid_size=_SNAP))
         noded = noded[shapely.get_type_id(noded) == 1]
-        middles = shapely.line_interpolate_point(noded, 0.5, normalized=True)
-        m, near = shapely.STRtree(flat[here]).query_nearest(middles, all_matches=True)
-        source = np.full(len(noded), len(flat), dtype=np.intp)
-        np.minimum.at(source, m, here[near])
-        along = shapely.line_locate_point(flat[source], middles)
-        found += zip(source.tolist(), along.tolist(), noded, strict=True)
+        source, along = nearest_places(flat[here], shapely.line_interpolate_point(noded, 0.5, normalized=True))
+        noded = _along_their_sources(noded, flat[here], source, along)
+        found += zip(here[source].tolist(), along.tolist(), noded, strict=True)
     found.sort(key=lambda one: one[:2])
-    pieces: list[_Piece] = []
-    for source_, _, line in found:
-        # The union may have turned a stretch round: run along the source, so that reading it again gives the same.
-        ends = [shapely.line_locate_point(flat[source_], shapely.Point(line.coords[k])) for k in (0, -1)]
-        pieces.append(_Piece(int(street[source_]), line if ends[0] <= ends[1] else shapely.reverse(line)))
-    return pieces
+    return [_Piece(int(street[source_]), line) for source_, _, line in found]
+
+
+def _along_their_sources(
+    pieces: NDArray[np.object_], sources: NDArray[np.object_], source: NDArray[np.intp], along: NDArray[np.float64]
+) -> NDArray[np.object_]:
+    """The pieces (n,), each in the direction of its source, on which its middle is ``along`` (n,) metres from the start.
+
+    A union may have turned a stretch round: run along the source, so that reading it again gives the same.
+    """
+    ahead = 0.25 * shapely.length(pieces)
+    before, after = (points_along(sources, source, along + shift) for shift in (-ahead, ahead))
+    first, last = (
+        shapely.get_coordinates(shapely.line_interpolate_point(pieces, share, normalized=True))
+        for share in (0.25, 0.75)
+    )
+    as_it_is = ((before - first) ** 2 + (after - last) ** 2).sum(axis=1)
+    turned = ((before - last) ** 2 + (after - first) ** 2).sum(axis=1)
+    return np.where(turned < as_it_is, shapely.reverse(pieces), pieces)
 
 
 def _level(tags: dict[str, str]) -> float:
@@ -281,7 +292,11 @@ def _clip(pieces: list[_Piece], used: Sequence[RawStreet], window: BaseGeometry,
 def _in_order(line: LineString, rest: BaseGeometry) -> list[LineString]:
     """The lines of ``rest``, which is part of ``line``, from its start to its end."""
     parts = [part for part in getattr(rest, "geoms", [rest]) if isinstance(part, LineString) and part.length > 0]
-    return sorted(parts, key=lambda part: float(line.project(part.interpolate(0.5, normalized=True))))
+    if len(parts) < 2:
+        return parts
+    middles = shapely.line_interpolate_point(parts, 0.5, normalized=True)
+    _, along = nearest_places(np.array([line], dtype=object), middles)
+    return [parts[i] for i in np.argsort(along, kind="stable")]
 
 
 def _metres_by_street(pieces: Iterable[_Piece]) -> dict[int, float]:
