@@ -23,6 +23,7 @@ from shapely.geometry import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from mmi.foundation.errors import CityError
+from mmi.reading.maps.crossings import why_tangled
 from mmi.reading.maps.osm_text import DAMAGED, OsmText, look_through, without_damage
 from mmi.reading.raw_layers import BuildingLayer, RawBuilding, RawStreet, StreetLayer
 from mmi.reading.report import Ledger
@@ -388,15 +389,10 @@ def _assemble(relation: _Relation, ways: dict[int, _Way], ledger: Ledger) -> Bas
         for node, place in zip(ways[number].nodes, ways[number].places, strict=True)
     }
 
-    def areas(numbers: tuple[int, ...]) -> tuple[list[BaseGeometry], int]:
+    def areas(numbers: tuple[int, ...]) -> tuple[list[Polygon], int]:
         whole = [ways[n].nodes for n in numbers if n in ways and None not in ways[n].places]
         rings, left_over = join_rings(whole)
-        polygons = [Polygon([places[node] for node in ring]) for ring in rings]
-        fixed = [
-            one if one.is_valid else shapely.make_valid(one, method="structure", keep_collapsed=False)
-            for one in polygons
-        ]
-        return fixed, left_over + len(numbers) - len(whole)
+        return [Polygon([places[node] for node in ring]) for ring in rings], left_over + len(numbers) - len(whole)
 
     outers, broken_outers = areas(relation.outer)
     inners, broken_inners = areas(relation.inner)
@@ -407,5 +403,17 @@ def _assemble(relation: _Relation, ways: dict[int, _Way], ledger: Ledger) -> Bas
         ledger.note("repaired", "relation with incomplete outer rings: complete ones kept", relation.id)
     if broken_inners:
         ledger.note("repaired", "relation with an incomplete courtyard: courtyard filled", relation.id)
-    outline = shapely.union_all(outers)
-    return outline.difference(shapely.union_all(inners)) if inners else outline
+    tangled = why_tangled(shapely.geometrycollections([*outers, *inners]))
+    if tangled is not None:
+        ledger.note("left out", f"building: {tangled}", relation.id)
+        return None
+    outline, courtyards = (
+        shapely.union_all(
+            [
+                one if one.is_valid else shapely.make_valid(one, method="structure", keep_collapsed=False)
+                for one in rings
+            ]
+        )
+        for rings in (outers, inners)
+    )
+    return outline.difference(courtyards) if inners else outline

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
+from mmi.reading.maps.crossings import why_tangled
 from mmi.reading.report import Ledger
 
 __all__ = ["SLIVER_AREA", "clean_outlines", "cut_overlaps", "find_duplicates", "solid_polygons"]
@@ -23,6 +24,8 @@ SLIVER_AREA = 1.0
 _SLIVER_WIDTH = 0.1
 _OVERLAP_AREA = 0.05
 _SAME_PLACE = 0.01
+_FEW = 1000
+"""Points of an outline with which it takes 30 ms at most to tell whether it is valid, however it runs."""
 
 
 def solid_polygons(geometry: BaseGeometry) -> list[Polygon]:
@@ -46,16 +49,23 @@ def clean_outlines(ids: Sequence[str], outlines: NDArray[np.object_], ledger: Le
     """The valid polygons of each outline, none where nothing of substance is left (counted with the reason).
 
     Repeated points go; invalid polygons are rebuilt by ``make_valid`` (holes are cut out, overlapping parts united, spikes
-    dropped); pieces that are slivers go.
+    dropped); pieces that are slivers go. An outline that is too intricate for that is left out (``why_tangled``).
     """
     lean = shapely.remove_repeated_points(outlines, tolerance=0.0)
-    thinner = shapely.get_num_coordinates(lean) < shapely.get_num_coordinates(outlines)
-    valid = shapely.is_valid(lean)
+    points = shapely.get_num_coordinates(lean)
+    thinner = points < shapely.get_num_coordinates(outlines)
+    sound = points <= _FEW
+    sound[sound] = shapely.is_valid(lean[sound])
     cleaned: list[tuple[Polygon, ...]] = []
-    for id_, outline, is_valid, is_thinner in zip(ids, lean, valid, thinner, strict=True):
+    for id_, outline, is_valid, is_thinner in zip(ids, lean, sound, thinner, strict=True):
         if is_thinner:
             ledger.note("repaired", "repeated points removed", id_)
-        if not is_valid:
+        why = None if is_valid else why_tangled(outline)
+        if why is not None:
+            ledger.note("left out", f"building: {why}", id_)
+            cleaned.append(())
+            continue
+        if not (is_valid or outline.is_valid):
             outline = shapely.make_valid(outline, method="structure", keep_collapsed=False)
             ledger.note("repaired", "invalid outline rebuilt", id_)
         every = _polygons(outline)

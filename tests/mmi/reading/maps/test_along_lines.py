@@ -1,6 +1,8 @@
-"""Places along lines: what shapely finds by walking along the whole line, and stretches of streets that run as their sources."""
+"""Places along lines are those that shapely finds by walking along all of them; stretches of streets run as their sources."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -70,7 +72,7 @@ def test_a_street_of_many_corners_is_split_where_others_cross_it():
     assert len(pieces) == 1 + 3 * crossings
     own = [piece.line for piece in pieces if piece.street == 0]
     assert len(own) == 1 + crossings
-    assert all(a.coords[-1] == b.coords[0] for a, b in zip(own, own[1:], strict=False))
+    assert all(a.coords[-1] == b.coords[0] for a, b in pairwise(own))
 
 
 directions = st.lists(st.tuples(st.floats(0, 40), st.floats(0, 40)), min_size=2, max_size=6)
@@ -86,9 +88,9 @@ def test_directions_are_close_by_the_distance_of_hausdorff(one, other):
 def test_directions_of_many_corners_are_compared_and_joined():
     x = np.linspace(0.0, 20_000.0, 100_001)
     there = np.column_stack([x, np.sin(x / 50.0)])
-    back = there[:-1] + (0.0, 4.0)
+    back = there[:-1] + np.array([0.0, 4.0])
     assert _are_close(there, back)
-    assert not _are_close(there, back + (0.0, 20.0))
+    assert not _are_close(there, back + np.array([0.0, 20.0]))
     middle = _mean_line([there, back])
     assert len(middle) == 1001
     assert middle[0] == pytest.approx((0.0, 2.0))

@@ -1,0 +1,71 @@
+"""How often the edges of an outline cross, told before it is handed to geometry whose time and memory grow with that.
+
+``make_valid`` finds all crossings of an outline: of a scribble of 2,000 points half a million, which takes half a minute and a
+gigabyte. Whether an outline is valid takes as long where its edges lie beside one another (a comb of 10,000 slanting teeth).
+Honest outlines cross themselves a few times, where somebody slipped.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from mmi.foundation import limits
+
+__all__ = ["why_tangled"]
+
+_AT_ONCE = 1_000_000
+"""Pairs of edges that are looked at together, at most (tens of MB)."""
+
+
+def why_tangled(shape: BaseGeometry) -> str | None:
+    """Why an outline of any kind is too intricate to be mended, in words for a report; None where it is not."""
+    corners, line = _corners(shape)
+    if len(corners) > limits.OUTLINE_POINTS:
+        return f"an outline of more than {limits.OUTLINE_POINTS:,} points"
+    most = min(limits.CROSSINGS, limits.CROSSINGS_A_POINT * len(corners))
+    first = np.flatnonzero((line[1:] == line[:-1]) & (corners[1:] != corners[:-1]).any(axis=1))
+    starts, ends = corners[first], corners[first + 1]
+    if len(first) * (len(first) - 3) // 2 <= most:  # so many there cannot be
+        return None
+    edges = shapely.linestrings(np.stack([starts, ends], axis=1))
+    tree = shapely.STRtree(edges)
+    step = max(1, _AT_ONCE // len(edges))
+    looked_at = crossings = 0
+    for begin in range(0, len(edges), step):
+        a, b = tree.query(edges[begin : begin + step])
+        a += begin
+        a, b = a[a < b], b[a < b]
+        looked_at += len(a)
+        crossings += _crossing(starts, ends, a, b)
+        if crossings > most:
+            return "an outline that crosses itself over and over"
+        if looked_at > limits.EDGES_COMPARED:
+            return "an outline with too many edges side by side"
+    return None
+
+
+def _corners(shape: BaseGeometry) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """The corners (n, 2) of all rings of a geometry, and the ring that each belongs to (n,)."""
+    parts = shapely.get_parts([shape])
+    while (shapely.get_type_id(parts) >= 4).any():  # collections of collections
+        parts = shapely.get_parts(parts)
+    return shapely.get_coordinates(shapely.get_rings(parts[shapely.get_type_id(parts) == 3]), return_index=True)
+
+
+def _crossing(starts: NDArray[np.float64], ends: NDArray[np.float64], a: NDArray[np.intp], b: NDArray[np.intp]) -> int:
+    """How many of the pairs ``a``, ``b`` (n,) of edges (m, 2) meet elsewhere than in a common corner. Their boxes overlap."""
+    for _ in range(2):  # the ends of each lie on both sides of the other
+        sides = [_turn(starts[a], ends[a], corners[b]) for corners in (starts, ends)]
+        near = sides[0] * sides[1] <= 0.0
+        a, b = b[near], a[near]
+    joined = [(p[a] == q[b]).all(axis=1) for p in (starts, ends) for q in (starts, ends)]
+    return int((~np.any(joined, axis=0)).sum())
+
+
+def _turn(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The sign that tells on which side of the line from ``a`` to ``b`` a point ``c`` is, all (n, 2)."""
+    (ux, uy), (vx, vy) = (b - a).T, (c - a).T
+    return np.sign(ux * vy - uy * vx)

@@ -1,0 +1,85 @@
+"""Outlines that are too intricate to be mended are told by their crossings, counted as brute force counts them."""
+
+from __future__ import annotations
+
+from itertools import combinations, pairwise
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely.geometry import GeometryCollection, LineString, MultiPolygon, Point, Polygon, box
+
+from mmi.foundation import limits
+from mmi.reading.maps.crossings import why_tangled
+from mmi.reading.maps.repair import clean_outlines
+from mmi.reading.report import Ledger
+
+OVER_AND_OVER = "an outline that crosses itself over and over"
+
+
+def scribble(points, seed=1):
+    return Polygon(np.random.default_rng(seed).uniform(0.0, 100.0, (points, 2)))
+
+
+def comb(teeth):
+    """A valid outline whose slanting teeth have boxes that all overlap."""
+    x = np.arange(teeth, dtype=np.float64)
+    low, high = np.column_stack([x, 0.0 * x]), np.column_stack([x + teeth, 0.0 * x + teeth])
+    tooth = np.stack([low, high, high + [0.5, 0.0], low + [0.5, 0.0]], axis=1).reshape(-1, 2)
+    return Polygon([*tooth, (teeth, -5.0), (-1.0, -5.0)])
+
+
+def crossings(polygon):
+    """The pairs of edges that meet elsewhere than in a common corner, one by one."""
+    rings = [ring.coords for ring in (polygon.exterior, *polygon.interiors)]
+    edges = [edge for ring in rings for edge in pairwise(ring) if edge[0] != edge[1]]
+    return sum(
+        not set(one) & set(other) and LineString(one).intersects(LineString(other))
+        for one, other in combinations(edges, 2)
+    )
+
+
+ring = st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=4, max_size=12).map(Polygon)
+
+
+@settings(max_examples=80, deadline=None)
+@given(ring)
+def test_crossings_are_counted_as_one_by_one(polygon):
+    expected = crossings(polygon)
+    for most, reason in ((expected, None), (expected - 1, OVER_AND_OVER))[: 1 + (expected > 0)]:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(limits, "CROSSINGS", most)
+            assert why_tangled(polygon) == reason
+
+
+def test_a_scribble_is_left_out_and_what_lies_beside_it_is_not():
+    ledger = Ledger()
+    outlines = np.array([scribble(2000), box(0, 0, 10, 10), scribble(200), comb(8000)], dtype=object)
+    found = clean_outlines(["a", "b", "c", "d"], outlines, ledger)
+    assert [len(polygons) for polygons in found] == [0, 1, 0, 0]
+    assert ledger.count("left out", f"building: {OVER_AND_OVER}") == 2
+    assert ledger.count("left out", "building: an outline with too many edges side by side") == 1
+
+
+def test_honest_outlines_of_many_points_are_read():
+    circle = Point(0, 0).buffer(100.0, 25_000)
+    steps = np.arange(30_000.0)
+    stairs = Polygon([*np.column_stack([steps // 2, (steps + 1) // 2]), (0.0, 15_000.0)])
+    yards = MultiPolygon([box(20 * k, 0, 20 * k + 10, 10) - box(20 * k + 2, 2, 20 * k + 8, 8) for k in range(2000)])
+    found = clean_outlines(["circle", "stairs", "yards"], np.array([circle, stairs, yards], dtype=object), Ledger())
+    assert [len(polygons) for polygons in found] == [1, 1, 2000]
+
+
+def test_faces_that_share_their_corners_do_not_cross():
+    """As those of a roof do, seen from above."""
+    grid = [shapely.box(x, y, x + 1, y + 1) for x in range(30) for y in range(30)]
+    halves = [Polygon(one.exterior.coords[k : k + 3]) for one in grid for k in (0, 2)]
+    assert why_tangled(GeometryCollection([MultiPolygon(halves), Point(3, 3)])) is None
+
+
+def test_outlines_of_too_many_points_are_left_out(monkeypatch):
+    monkeypatch.setattr(limits, "OUTLINE_POINTS", 100)
+    assert why_tangled(Point(0, 0).buffer(1.0, 25)) == "an outline of more than 100 points"
+    assert why_tangled(Point(0, 0).buffer(1.0, 24)) is None
