@@ -18,6 +18,7 @@ MODULES = {path.relative_to(ROOT).as_posix(): path for name in PACKAGES for path
 MAY_IMPORT = {"mmi": {"mmi"}, "citygen": {"citygen", "mmi"}, "viewer": {"viewer", "mmi"}}
 FLOORS = {
     "mmi": (
+        "limits",
         "foundation",
         "city gltf",
         "reading appearance cells movers walks",

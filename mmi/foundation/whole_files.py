@@ -1,6 +1,7 @@
 """Files that are there whole or not at all: written under a temporary name in the same folder, then renamed.
 
-Everything that the project writes goes this way: datasets, cities, reports, pictures and films.
+Everything that the project writes goes this way: datasets, cities, reports, pictures and films. And what is read whole is
+read up to a size (:mod:`mmi.limits`), which is looked at before.
 """
 
 from __future__ import annotations
@@ -13,7 +14,16 @@ from typing import BinaryIO
 
 from mmi.foundation.errors import DatasetError, MmiError
 
-__all__ = ["is_leftover", "real_path", "whole_file", "whole_path", "write_whole"]
+__all__ = [
+    "bytes_within",
+    "check_size",
+    "in_words",
+    "is_leftover",
+    "real_path",
+    "whole_file",
+    "whole_path",
+    "write_whole",
+]
 
 _TEMPORARY = ".part-"
 
@@ -65,3 +75,33 @@ def is_leftover(path: Path, of: str = "") -> bool:
 def real_path(path: Path) -> Path:
     """The absolute path that links lead to, as far as they lead anywhere: Python's own ``resolve`` raises where they loop."""
     return Path(os.path.realpath(path))
+
+
+def check_size(path: Path, most: int, error: type[MmiError]) -> None:
+    """Raise ``error`` where the file has more than ``most`` bytes; a folder, or what is not there, is of no size.
+
+    The line names the file, and what was expected and found.
+    """
+    try:
+        size = path.stat().st_size if path.is_file() else 0
+    except (OSError, ValueError):  # whoever opens it says why
+        return
+    if size > most:
+        raise error(f"{path}: a file of at most {in_words(most)} expected, found {in_words(size)}")
+
+
+def bytes_within(path: Path, most: int, error: type[MmiError]) -> bytes:
+    """The bytes of a file, as :func:`check_size` lets them pass.
+
+    Raises OSError where it cannot be read.
+    """
+    check_size(path, most, error)
+    return path.read_bytes()
+
+
+def in_words(number: int) -> str:
+    """``1.5 GB``: bytes in the largest unit of a thousand that they fill."""
+    for unit, name in ((10**9, "GB"), (10**6, "MB"), (10**3, "kB")):
+        if number >= unit:
+            return f"{number / unit:,.1f} {name}".replace(".0 ", " ")
+    return f"{number} bytes"

@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from mmi.foundation import limits
+from mmi import limits
 
 __all__ = ["why_tangled"]
 

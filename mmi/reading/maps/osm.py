@@ -1,9 +1,8 @@
 """OpenStreetMap ``.osm`` and ``.osm.pbf``: outlines of buildings, and highways with their node ids.
 
 Two passes over the file: relations first (which ways do they need?), then ways with the places of their nodes. Rings of
-multipolygons are joined here, by node id, because an extract cuts relations at its edge: rings that close are used, and
-what is missing is counted by reason, which an area assembler that only skips cannot tell. Files that an editor saved (JOSM)
-may hold new objects, whose ids are negative, and deleted ones; ways may bring the places of their nodes (Overpass).
+multipolygons are joined by ``osm_shapes``. Files that an editor saved (JOSM) may hold new objects, whose ids are negative, and
+deleted ones; ways may bring the places of their nodes (Overpass).
 Tags: https://wiki.openstreetmap.org/wiki/Simple_3D_Buildings.
 """
 
@@ -18,17 +17,14 @@ from typing import Any
 
 import osmium
 import pyproj
-import shapely
-from shapely.geometry import LineString, Polygon
-from shapely.geometry.base import BaseGeometry
 
 from mmi.foundation.errors import CityError
-from mmi.reading.maps.crossings import why_tangled
+from mmi.reading.maps.osm_shapes import Relation, Way, outline_of_relation, polygon_of_way, street_of_way
 from mmi.reading.maps.osm_text import DAMAGED, OsmText, look_through, without_damage
 from mmi.reading.raw_layers import BuildingLayer, RawBuilding, RawStreet, StreetLayer
 from mmi.reading.report import Ledger
 
-__all__ = ["is_osm", "join_rings", "read_osm"]
+__all__ = ["is_osm", "read_osm"]
 
 _BUILDING_TAGS = (
     "building", "building:part", "height", "building:height", "est_height", "building:levels", "min_height",
@@ -40,18 +36,11 @@ _STREET_TAGS = (
 )  # fmt: skip
 
 
+_NOWHERE = osmium.osm.Location().x
+"""What osmium has as the longitude of a node that is not in the file."""
+
 # osmium has no class for all of its errors; what decompresses has others.
 _DAMAGE = (osmium.InvalidLocationError, RuntimeError, ValueError, EOFError, zlib.error)
-
-
-@dataclass(frozen=True, slots=True)
-class _Relation:
-    """A building relation: its tags and the ids of its outer and inner member ways."""
-
-    id: str
-    tags: dict[str, str]
-    outer: tuple[int, ...]
-    inner: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,14 +52,6 @@ class _Group:
     ways: tuple[int, ...]
     areas: tuple[int, ...]
     says_building: bool
-
-
-@dataclass(frozen=True, slots=True)
-class _Way:
-    """A way's node ids and their (longitude, latitude), None where the file lacks the node."""
-
-    nodes: tuple[int, ...]
-    places: tuple[tuple[float, float] | None, ...]
 
 
 def is_osm(path: Path) -> bool:
@@ -114,7 +95,7 @@ def read_osm(path: Path, ledger: Ledger, *, buildings: bool, streets: bool) -> t
     tagged |= {f"way/{number}": one.id for one in relations if "building" in one.tags for number in one.outer}
     more_relations, more_tags = _from_groups(groups, areas, tagged, ledger)
     for relation in (*relations, *more_relations):
-        geometry = _assemble(relation, ways, ledger)
+        geometry = outline_of_relation(relation, ways, ledger)
         if geometry is not None:
             assembled.append(RawBuilding(relation.id, geometry, more_tags.get(relation.id, {}) | relation.tags))
             if "building" in relation.tags:
@@ -123,7 +104,7 @@ def read_osm(path: Path, ledger: Ledger, *, buildings: bool, streets: bool) -> t
         id_ = f"way/{number}"
         if number in outlines and "building:part" not in tags:
             ledger.note("left out", "building: outline of a relation that was read", id_)
-        elif (polygon := _polygon_from_way(id_, way, ledger)) is not None:
+        elif (polygon := polygon_of_way(id_, way, ledger)) is not None:
             assembled.append(RawBuilding(id_, polygon, more_tags.get(id_, {}) | tags))
     crs = pyproj.CRS.from_epsg(4326)
     return (
@@ -134,13 +115,13 @@ def read_osm(path: Path, ledger: Ledger, *, buildings: bool, streets: bool) -> t
 
 _Areas = dict[int, tuple[tuple[int, ...], tuple[int, ...]]]
 """Outer and inner ways of relations, by the relations' ids."""
-_Outline = tuple[int, _Way, dict[str, str]]
+_Outline = tuple[int, Way, dict[str, str]]
 """A way that outlines a building: its id, the way, and its tags."""
 
 
 def _read_all(
     text: OsmText, ledger: Ledger, *, buildings: bool, streets: bool
-) -> tuple[list[_Relation], list[_Group], _Areas, dict[int, _Way], list[_Outline], list[RawStreet]]:
+) -> tuple[list[Relation], list[_Group], _Areas, dict[int, Way], list[_Outline], list[RawStreet]]:
     """Relations that are buildings, those that group them, areas and ways that these need, outlines, and streets."""
     relations, groups, members = _read_relations(text, ledger, buildings=buildings, streets=streets)
     areas = _read_areas(text, {number for group in groups for number in group.areas})
@@ -167,10 +148,14 @@ def _is_building(tags: Mapping[str, str]) -> bool:
     return "building" in tags or (tags.get("building:part") or "no") != "no"
 
 
-def _new_nodes(text: OsmText) -> dict[int, tuple[float, float]]:
+def _place(location: Any) -> tuple[float, float] | None:  # noqa: ANN401 (osmium's type)
+    """(longitude, latitude), None where that is nowhere on earth."""
+    return (location.lon, location.lat) if location.valid() else None
+
+
+def _new_nodes(text: OsmText) -> dict[int, tuple[float, float] | None]:
     """(longitude, latitude) of nodes with negative ids, for which osmium's table of places has no room."""
-    nodes = (node for node in _entities(text, osmium.osm.NODE) if node.id < 0 and node.location.valid())
-    return {node.id: (node.location.lon, node.location.lat) for node in nodes}
+    return {node.id: _place(node.location) for node in _entities(text, osmium.osm.NODE) if node.id < 0}
 
 
 def _places_in_ways(text: OsmText) -> dict[int, tuple[float, float]]:
@@ -185,9 +170,9 @@ def _places_in_ways(text: OsmText) -> dict[int, tuple[float, float]]:
 
 def _read_relations(
     text: OsmText, ledger: Ledger, *, buildings: bool, streets: bool
-) -> tuple[list[_Relation], list[_Group], frozenset[int]]:
+) -> tuple[list[Relation], list[_Group], frozenset[int]]:
     """Building relations that are areas, those that group others, and the ids of all ways that they need."""
-    relations: list[_Relation] = []
+    relations: list[Relation] = []
     groups: list[_Group] = []
     members: set[int] = set()
     for relation in _entities(text, osmium.osm.RELATION):
@@ -218,7 +203,7 @@ def _read_relations(
             if member.type == "w":
                 (inner if member.role == "inner" else outer).append(member.ref)
         members.update(outer, inner)
-        relations.append(_Relation(id_, _tags_of(relation.tags, _BUILDING_TAGS), tuple(outer), tuple(inner)))
+        relations.append(Relation(id_, _tags_of(relation.tags, _BUILDING_TAGS), tuple(outer), tuple(inner)))
     return relations, groups, frozenset(members)
 
 
@@ -238,12 +223,12 @@ def _from_groups(
     areas: _Areas,
     tagged: dict[str, str],
     ledger: Ledger,
-) -> tuple[list[_Relation], dict[str, dict[str, str]]]:
+) -> tuple[list[Relation], dict[str, dict[str, str]]]:
     """What relations of type building say: buildings that only they name, and more tags for buildings that are there.
 
     ``tagged`` has the building that each way or relation outlines, where that is told without them.
     """
-    relations: list[_Relation] = []
+    relations: list[Relation] = []
     more: dict[str, dict[str, str]] = {}
     for group in groups:
         outlines = [*(f"way/{number}" for number in group.ways), *(f"relation/{number}" for number in group.areas)]
@@ -260,7 +245,7 @@ def _from_groups(
         ledger.note("read", "buildings")
         outer = (*group.ways, *(way for number in group.areas for way in areas.get(number, ((), ()))[0]))
         inner = tuple(way for number in group.areas for way in areas.get(number, ((), ()))[1])
-        relations.append(_Relation(group.id, {"building": "yes"} | group.tags, outer, inner))
+        relations.append(Relation(group.id, {"building": "yes"} | group.tags, outer, inner))
     return relations, more
 
 
@@ -271,16 +256,16 @@ def _read_ways(
     *,
     buildings: bool,
     streets: bool,
-) -> tuple[dict[int, _Way], list[_Outline], list[RawStreet]]:
+) -> tuple[dict[int, Way], list[_Outline], list[RawStreet]]:
     """Member ways by id; building ways as (id, way, tags); streets."""
-    ways: dict[int, _Way] = {}
+    ways: dict[int, Way] = {}
     outlines: list[_Outline] = []
     raw_streets: list[RawStreet] = []
     # A file may hold ways before nodes: fill the table of places first, then use it.
     places = osmium.index.create_map("flex_mem")
     for _ in _entities(text, osmium.osm.NOTHING, places):
         pass
-    new: dict[int, tuple[float, float]] | None = None
+    new: dict[int, tuple[float, float] | None] | None = None
     own: dict[int, tuple[float, float]] | None = None
     for way in _entities(text, osmium.osm.WAY, places):
         is_building = buildings and _is_building(way.tags)
@@ -297,123 +282,24 @@ def _read_ways(
                 ledger.note("left out", f"{kind}: deleted in an editor", id_, count=int(is_kind))
             continue
         refs = tuple(node.ref for node in way.nodes)
-        located = tuple((node.location.lon, node.location.lat) if node.location.valid() else None for node in way.nodes)
+        located = tuple(_place(node.location) for node in way.nodes)
+        astray = any(
+            place is None and node.location.x != _NOWHERE for node, place in zip(way.nodes, located, strict=True)
+        )
         if refs and min(refs) < 0:
             new = _new_nodes(text) if new is None else new
             located = tuple(new.get(ref, place) for ref, place in zip(refs, located, strict=True))
+            astray = astray or any(ref in new and new[ref] is None for ref in refs)
         if None in located:
             own = _places_in_ways(text) if own is None else own
             located = tuple(place or own.get(ref) for ref, place in zip(refs, located, strict=True))
-        found = _Way(refs, located)
+        found = Way(refs, located, astray and None in located)
         if way.id in members:
             ways[way.id] = found
         if is_building:
             outlines.append((way.id, found, _tags_of(way.tags, _BUILDING_TAGS)))
         if is_street:
-            street = _street_from_way(id_, found, _tags_of(way.tags, _STREET_TAGS), ledger)
+            street = street_of_way(id_, found, _tags_of(way.tags, _STREET_TAGS), ledger)
             if street is not None:
                 raw_streets.append(street)
     return ways, outlines, raw_streets
-
-
-def _street_from_way(id_: str, way: _Way, tags: dict[str, str], ledger: Ledger) -> RawStreet | None:
-    """The located stretches of a highway: split where nodes are missing, None if no two neighbours are known."""
-    if len(set(way.nodes)) < 2:
-        ledger.note("left out", "street: fewer than two points", id_)
-        return None
-    runs: list[list[tuple[int, tuple[float, float]]]] = [[]]
-    for node, place in zip(way.nodes, way.places, strict=True):
-        if place is None:
-            runs.append([])
-        elif not runs[-1] or runs[-1][-1][1] != place:
-            runs[-1].append((node, place))
-    runs = [run for run in runs if len(run) > 1]
-    if not runs:
-        ledger.note("left out", "street: its nodes are missing from the file", id_)
-        return None
-    if None in way.places:
-        ledger.note("repaired", "street shortened where nodes are missing", id_)
-    lines = tuple(LineString([place for _, place in run]) for run in runs)
-    return RawStreet(id_, lines, tags, tuple(tuple(node for node, _ in run) for run in runs))
-
-
-def _polygon_from_way(id_: str, way: _Way, ledger: Ledger) -> Polygon | None:
-    """The area inside a closed way, or None with the reason in the ledger."""
-    places = [place for place in way.places if place is not None]
-    if len(places) < len(way.places):
-        ledger.note("left out", "building: nodes missing from the file", id_)
-    elif len(way.nodes) < 4 or way.nodes[0] != way.nodes[-1]:
-        ledger.note("left out", "building: outline not closed", id_)
-    else:
-        return Polygon(places)
-    return None
-
-
-def join_rings(ways: list[tuple[int, ...]]) -> tuple[list[tuple[int, ...]], int]:
-    """Join node-id chains end to end into closed rings, in the order given; also the number of chains left over."""
-    rings = [way for way in ways if len(way) > 3 and way[0] == way[-1]]
-    chains = [list(way) for way in ways if len(way) > 1 and way[0] != way[-1]]
-    free = [True] * len(chains)
-    ending: dict[int, list[int]] = {}  # at each node the chains that end there, the first one last
-    for i in reversed(range(len(chains))):
-        for end in (chains[i][0], chains[i][-1]):
-            ending.setdefault(end, []).append(i)
-    left_over = 0
-    for first, chain in enumerate(chains):
-        if not free[first]:
-            continue
-        free[first], used = False, 1
-        while chain[0] != chain[-1]:
-            waiting = ending[chain[-1]]
-            while waiting and not free[waiting[-1]]:
-                waiting.pop()
-            if not waiting:
-                break
-            match = waiting.pop()
-            free[match], other = False, chains[match]
-            chain += other[1:] if other[0] == chain[-1] else other[-2::-1]
-            used += 1
-        if chain[0] == chain[-1] and len(chain) > 3:
-            rings.append(tuple(chain))
-        else:
-            left_over += used
-    return rings, left_over
-
-
-def _assemble(relation: _Relation, ways: dict[int, _Way], ledger: Ledger) -> BaseGeometry | None:
-    """Outer rings less inner rings, or None with the reason in the ledger."""
-    places = {
-        node: place
-        for number in (*relation.outer, *relation.inner)
-        if number in ways
-        for node, place in zip(ways[number].nodes, ways[number].places, strict=True)
-    }
-
-    def areas(numbers: tuple[int, ...]) -> tuple[list[Polygon], int]:
-        whole = [ways[n].nodes for n in numbers if n in ways and None not in ways[n].places]
-        rings, left_over = join_rings(whole)
-        return [Polygon([places[node] for node in ring]) for ring in rings], left_over + len(numbers) - len(whole)
-
-    outers, broken_outers = areas(relation.outer)
-    inners, broken_inners = areas(relation.inner)
-    if not outers:
-        ledger.note("left out", "building: relation whose outer ring is incomplete", relation.id)
-        return None
-    if broken_outers:
-        ledger.note("repaired", "relation with incomplete outer rings: complete ones kept", relation.id)
-    if broken_inners:
-        ledger.note("repaired", "relation with an incomplete courtyard: courtyard filled", relation.id)
-    tangled = why_tangled(shapely.geometrycollections([*outers, *inners]))
-    if tangled is not None:
-        ledger.note("left out", f"building: {tangled}", relation.id)
-        return None
-    outline, courtyards = (
-        shapely.union_all(
-            [
-                one if one.is_valid else shapely.make_valid(one, method="structure", keep_collapsed=False)
-                for one in rings
-            ]
-        )
-        for rings in (outers, inners)
-    )
-    return outline.difference(courtyards) if inners else outline

@@ -32,8 +32,9 @@ _ID = re.compile(rb"""\sid=["'](-?\d+)["']""")
 _DELETE = re.compile(rb"""\saction=["']delete["']""")
 _PLACES_IN_MEMBER = re.compile(rb"<member\b[^>]*[^>/]>\s*<nd\b")
 _CORNER = re.compile(rb"<nd\b[^>]*>")
-DAMAGED = "element: an id or a place that is no number"
+DAMAGED = "element: an id or a place that is no number, or a place outside the world"
 """Why elements are left out without which the file can be read."""
+_OFF_THE_EARTH = "99"
 _BLOCK = 1 << 20
 _OVERLAP = 512
 _FIRST_ID = 1 << 50
@@ -100,6 +101,9 @@ def without_damage(path: Path) -> tuple[OsmText, list[str]]:
         if one.tag in ("node", "way", "relation") and not _are_numbers(one, "id", "lat", "lon"):
             root.remove(one)
             lost.append(f"{one.tag}/{one.get('id', 'without id')[:20]}")
+        elif one.tag == "node" and not _is_on_earth(one):
+            one.attrib |= {"lat": _OFF_THE_EARTH, "lon": "0"}  # which osmium reads, and its ways are told why they lack it
+            lost.append(f"{one.tag}/{one.get('id', 'without id')[:20]}")
         for part in inside:
             if not _are_numbers(part, "ref", "lat", "lon"):
                 one.remove(part)
@@ -123,6 +127,11 @@ def _are_numbers(element: ElementTree.Element, *names: str) -> bool:
         if not sound:
             return False
     return True
+
+
+def _is_on_earth(node: ElementTree.Element) -> bool:
+    """Whether the place of a node, if it has one, is a latitude and a longitude."""
+    return abs(float(node.get("lat", 0.0))) <= 90.0 and abs(float(node.get("lon", 0.0))) <= 180.0
 
 
 def _deleted(text: bytes) -> Iterator[str]:

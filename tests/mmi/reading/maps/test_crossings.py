@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import GeometryCollection, LineString, MultiPolygon, Point, Polygon, box
 
-from mmi.foundation import limits
+from mmi import limits
 from mmi.reading.maps.crossings import why_tangled
 from mmi.reading.maps.repair import clean_outlines
 from mmi.reading.report import Ledger
@@ -25,9 +25,9 @@ def scribble(points, seed=1):
 
 def comb(teeth):
     """A valid outline whose slanting teeth have boxes that all overlap."""
-    x = np.arange(teeth, dtype=np.float64)
+    x, wide = np.arange(teeth, dtype=np.float64), np.array([0.5, 0.0])
     low, high = np.column_stack([x, 0.0 * x]), np.column_stack([x + teeth, 0.0 * x + teeth])
-    tooth = np.stack([low, high, high + [0.5, 0.0], low + [0.5, 0.0]], axis=1).reshape(-1, 2)
+    tooth = np.stack([low, high, high + wide, low + wide], axis=1).reshape(-1, 2)
     return Polygon([*tooth, (teeth, -5.0), (-1.0, -5.0)])
 
 

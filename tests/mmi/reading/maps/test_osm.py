@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 
 import pytest
 from city_files import OsmFile
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mmi.foundation.errors import CityError
-from mmi.reading.maps.osm import join_rings
+from mmi.reading.maps.osm_shapes import join_rings
 from mmi.reading.maps.streets import refusal
 from mmi.reading.read_city import read_city
 from mmi.reading.read_options import ReadOptions
@@ -256,6 +257,20 @@ def test_a_street_with_missing_nodes_is_shortened(tmp_path):
     lengths = [edge["geometry"].length for _, _, edge in city.streets.edges(data=True) if edge["kind"] == "tertiary"]
     assert lengths == pytest.approx([20, 20], rel=0.01)
     assert tally(report, "repaired", "street shortened where nodes are missing") == 1
+
+
+def test_coordinates_outside_the_world_are_told_from_missing_nodes(tmp_path):
+    osm = crossroads()
+    osm.way(120, [(0.0, 0.0), (0.0, -20.0), (1.0, -40.0), (0.0, -60.0), (0.0, -80.0)], highway="tertiary")
+    osm.box(121, 200, 200, 210, 210, building="yes", height="10")
+    text = osm.write(tmp_path / "a.osm").read_text()
+    for number in (osm.node(1.0, -40.0), osm.node(200.0, 200.0)):
+        text = re.sub(rf'(<node id="{number}" [^>]*lat=")[^"]*"', r'\g<1>95.0"', text)
+    (tmp_path / "a.osm").write_text(text)
+    _, report = read_city(tmp_path / "a.osm")
+    assert tally(report, "repaired", "street shortened where it has coordinates outside the world") == 1
+    assert tally(report, "left out", "building: coordinates outside the world") == 1
+    assert not any("missing" in one.what for one in (*report.repaired, *report.left_out))
 
 
 def test_streets_stop_200_m_outside_the_buildings(tmp_path):

@@ -154,6 +154,14 @@ def test_a_corner_that_is_no_number_costs_its_house(tmp_path):
     assert line.examples == ("node/10",)
 
 
+@pytest.mark.parametrize(("old", "new"), [("lat='48.0'", "lat='95'"), ("lon='9.01'", "lon='1300.0'")])
+def test_a_corner_outside_the_world_costs_its_house(tmp_path, old, new):
+    assert old in HOUSES[0]
+    houses, ledger = read(tmp_path / "a.osm", HOUSES[0].replace(old, new, 1), HOUSES[1])
+    assert [one.id for one in houses] == ["way/2"]
+    assert ledger.count("left out", "building: coordinates outside the world") == 1
+
+
 def test_deletions_in_a_damaged_file_are_told_too(tmp_path):
     gone = HOUSES[1].replace("<way ", "<way action='delete' ")
     houses, ledger = read(tmp_path / "a.osm", HOUSES[0], "<node id='x' lat='48' lon='9'/>", gone)

@@ -7,10 +7,6 @@ where they use it (``limits.PICTURE_PIXELS``), so that tests can lower it. The t
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from mmi.foundation.errors import MmiError
-
 __all__ = [
     "ACCESSOR_ELEMENTS",
     "BUILDING_HEIGHT",
@@ -38,14 +34,12 @@ __all__ = [
     "REWRITTEN_BYTES",
     "SMALL_BYTES",
     "STREET_REACH",
+    "UNPACKED_ANYWAY",
     "UNPACKED_BYTES",
     "VIEWS",
     "XML_DEPTH",
     "ZIP_BYTES",
     "ZIP_FILES",
-    "bytes_within",
-    "check_size",
-    "in_words",
 ]
 
 # ------------------------------------------------------------------------------------------------------ files of cities
@@ -122,33 +116,3 @@ JSON_BYTES = 256_000_000
 """Bytes of a walk or of a file of what moves."""
 VIEWS = 100_000
 """Random views that a comparison is asked for: at ten a second they take three hours."""
-
-
-def check_size(path: Path, most: int, error: type[MmiError]) -> None:
-    """Raise ``error`` where the file has more than ``most`` bytes; a folder, or what is not there, is of no size.
-
-    The line names the file, and what was expected and found.
-    """
-    try:
-        size = path.stat().st_size if path.is_file() else 0
-    except (OSError, ValueError):  # whoever opens it says why
-        return
-    if size > most:
-        raise error(f"{path}: a file of at most {in_words(most)} expected, found {in_words(size)}")
-
-
-def bytes_within(path: Path, most: int, error: type[MmiError]) -> bytes:
-    """The bytes of a file, as :func:`check_size` lets them pass.
-
-    Raises OSError where it cannot be read.
-    """
-    check_size(path, most, error)
-    return path.read_bytes()
-
-
-def in_words(number: int) -> str:
-    """``1.5 GB``: bytes in the largest unit of a thousand that they fill."""
-    for unit, name in ((10**9, "GB"), (10**6, "MB"), (10**3, "kB")):
-        if number >= unit:
-            return f"{number / unit:,.1f} {name}".replace(".0 ", " ")
-    return f"{number} bytes"
