@@ -139,6 +139,7 @@ def read_depths(dataset: Dataset, cell: str) -> dict[str, tuple[NDArray[np.float
     data = dataset.read(entry.files.exr)
     found, objects = {}, len(entry.far) + len(entry.near)
     with _as_described(name):
+        _check_windows(data, [one for _, one in entry.pictures])
         parts = {part.name(): part.channels for part in OpenEXR.File(io.BytesIO(data)).parts}
         for _, one in entry.pictures:
             channels, shape = parts[one.name], (one.window[3], one.window[2])
@@ -147,6 +148,15 @@ def read_depths(dataset: Dataset, cell: str) -> dict[str, tuple[NDArray[np.float
                 raise ValueError(f"{one.name}: depths and places of {objects} objects, {shape}, expected")
             found[one.name] = depth, places
     return found
+
+
+def _check_windows(data: bytes, layers: Sequence[LayerEntry]) -> None:
+    """Raise ValueError unless the parts of an EXR, which is not unpacked yet, are as large as the manifest says."""
+    for part, one in zip(OpenEXR.File(io.BytesIO(data), header_only=True).parts, layers, strict=True):
+        low, high = (np.asarray(corner).tolist() for corner in part.header["dataWindow"])
+        left, top, width, height = one.window
+        if [*low, *high] != [left, top, left + width - 1, top + height - 1]:
+            raise ValueError(f"{part.name()}: the data window of {one.window} expected, found {low} to {high}")
 
 
 def read_impostor(dataset: Dataset, cell: str, city: City) -> Impostor:
@@ -239,6 +249,8 @@ def _picture(entry: CellEntry, sector: int, one: LayerEntry, node: GlbNode, imag
     if image is None:
         raise ValueError(f"{node.name}: a texture expected")
     with Image.open(io.BytesIO(images[image].data), formats=("WEBP",)) as picture:
+        if picture.size != one.window[2:]:
+            raise ValueError(f"{node.name}: a picture of {one.window[2:]} expected, found one of {picture.size}")
         pixels = np.array(picture)
     return LayerPicture(one.name, one.index, sector, one.piece, found.view, pixels, found.mesh, one.in_order)
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from mmi import limits
 from mmi.appearance.city_mesh import CityMesh, build_city_mesh
 from mmi.appearance.cut_outs import clear_blocks, cut_out_triangles
 from mmi.appearance.ground_mesh import ground_mesh
@@ -92,6 +93,8 @@ def _city_mesh(nodes: Sequence[GlbNode], image: GlbImage) -> CityMesh:
     triangles = np.concatenate([[0], np.cumsum([0 if part is None else len(part.triangles) for part in parts])])
     first = [int(vertices[i]) for i, part in enumerate(parts) if part is not None]
     with Image.open(io.BytesIO(image.data)) as picture:
+        if picture.width * picture.height > limits.PICTURE_PIXELS:
+            raise ValueError(f"a texture of {picture.width} x {picture.height} pixels")
         texture = np.array(picture.convert("RGBA" if picture.mode == "RGBA" else "RGB"))
     return CityMesh(
         positions=np.concatenate([part.positions for part in found]),

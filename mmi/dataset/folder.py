@@ -24,6 +24,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from mmi import limits
 from mmi.dataset.manifest import (
     FORMAT_VERSION,
     PROGRAM,
@@ -34,7 +35,7 @@ from mmi.dataset.manifest import (
 )
 from mmi.foundation.errors import DatasetError
 from mmi.foundation.json_forms import readable_json
-from mmi.foundation.whole_files import is_leftover, whole_path
+from mmi.foundation.whole_files import bytes_within, is_leftover, whole_path
 
 __all__ = ["DatasetFolder", "build_folder", "is_ours", "make_folder"]
 
@@ -79,7 +80,7 @@ class DatasetFolder:
         Without ``check`` the files are not read: for a cell that this build has just written or checked.
         """
         try:
-            record = record_from_json((self.path / "cells" / f"{cell}.json").read_bytes())
+            record = record_from_json(_record_bytes(self.path / "cells" / f"{cell}.json"))
         except (OSError, DatasetError):
             return None
         entry = record.entry
@@ -211,17 +212,22 @@ def _is_blank(entry: Path) -> bool:
 def is_ours(path: Path) -> bool:
     """Whether a folder holds a dataset, or the beginnings of one, by its ``build.json``."""
     try:
-        marker = json.loads((path / "build.json").read_bytes())
-    except (OSError, ValueError):
+        marker = json.loads(_record_bytes(path / "build.json"))
+    except (OSError, ValueError, RecursionError, DatasetError):
         return False
     return isinstance(marker, dict) and marker.get("program") == PROGRAM
+
+
+def _record_bytes(path: Path) -> bytes:
+    """What a small file of a build's own holds. Raises OSError where it cannot be read, DatasetError where it is too large."""
+    return bytes_within(path, limits.RECORD_BYTES, DatasetError)
 
 
 def _is_record(path: Path) -> bool:
     """Whether a file is what some version of this program noted of a cell, whole or not."""
     try:
-        record = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError):
+        record = json.loads(_record_bytes(path))
+    except (OSError, ValueError, RecursionError, DatasetError):
         return False
     return isinstance(record, dict) and {"inputs", "content", "entry"} <= set(record)
 

@@ -8,11 +8,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from mmi import limits
 from mmi.city.codec import city_from_json
 from mmi.city.model import City
 from mmi.dataset.folder import is_ours
 from mmi.dataset.manifest import CellEntry, FileEntry, Manifest, manifest_from_json
 from mmi.foundation.errors import CityError, DatasetError
+from mmi.foundation.whole_files import bytes_within
 
 __all__ = ["Dataset", "open_dataset"]
 
@@ -85,7 +87,7 @@ def open_dataset(path: Path) -> Dataset:
         hint = "its build was not finished: run build-impostors again" if is_ours(path) else "it is not a dataset"
         raise DatasetError(f"{path}: no manifest.json here; {hint}")
     try:
-        data = name.read_bytes()
+        data = bytes_within(name, limits.MANIFEST_BYTES, DatasetError)
     except OSError as error:
         raise DatasetError(f"{name}: cannot be read ({error.strerror})") from error
     return Dataset(path, manifest_from_json(data, name=str(name)))

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from mmi import limits
 from mmi.foundation.errors import ParameterError
 
 __all__ = [
@@ -25,8 +26,6 @@ __all__ = [
     "shown",
     "with_checksum",
 ]
-
-_MOST_BYTES = 256_000_000
 
 
 def with_checksum(manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -65,12 +64,12 @@ def read_json(path: Path, what: str) -> Any:  # noqa: ANN401
     """
     try:
         with Path(path).open("rb") as file:
-            data = file.read(_MOST_BYTES + 1)
+            data = file.read(limits.JSON_BYTES + 1)
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         reason = getattr(error, "strerror", None) or error
         raise ParameterError(f"{path}: {what}'s JSON file expected, found: {reason}") from error
-    if len(data) > _MOST_BYTES:
-        raise ParameterError(f"{path}: {what}'s JSON of up to {_MOST_BYTES} bytes expected, found more")
+    if len(data) > limits.JSON_BYTES:
+        raise ParameterError(f"{path}: {what}'s JSON of up to {limits.JSON_BYTES} bytes expected, found more")
     try:
         return json.loads(data.decode("utf-8-sig"))
     except UnicodeDecodeError as error:

@@ -24,15 +24,16 @@ from pyproj.exceptions import ProjError
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
+from mmi import limits
 from mmi.foundation.errors import CityError, ParameterError
 from mmi.reading.antimeridian import box_of_degrees, boxes_meet, degrees_outside, within_180
 from mmi.reading.raw_layers import BuildingLayer, RawBuilding, RawModel, RawStreet, StreetLayer
 from mmi.reading.report import Ledger
 
 __all__ = [
-    "Box", "LocalFrame", "agree_on_crs", "box_to_local_frame", "check_not_swapped", "choose_local_frame", "coordinate_bounds",
-    "declared_crs", "lonlat_bounds", "meets_box", "named_crs", "parse_crs", "points_to_local_frame", "to_local_frame",
-    "within_clip",
+    "Box", "LocalFrame", "agree_on_crs", "box_to_local_frame", "check_not_swapped", "choose_local_frame",
+    "coordinate_bounds", "declared_crs", "lonlat_bounds", "meets_box", "named_crs", "parse_crs",
+    "points_to_local_frame", "to_degrees", "to_local_frame", "within_clip",
 ]  # fmt: skip
 
 Box = tuple[float, float, float, float]
@@ -125,6 +126,11 @@ def _transform(source: pyproj.CRS, target: pyproj.CRS, points: NDArray[np.float6
 def _transformer(source: pyproj.CRS, target: pyproj.CRS) -> pyproj.Transformer:
     """Looking for the way between two systems takes longer than many points take on it."""
     return pyproj.Transformer.from_crs(source, target, always_xy=True)
+
+
+def to_degrees(crs: pyproj.CRS, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Longitudes and latitudes (n, 2) of points (n, 2) of ``crs``, x first; not finite where that is impossible."""
+    return _transform(crs, _WGS84, points)
 
 
 def lonlat_bounds(file: str, bounds: Box, crs: pyproj.CRS) -> Box:
@@ -303,7 +309,7 @@ def choose_local_frame(file: str, bounds: Box, crs: pyproj.CRS, place: Box) -> L
     The origin is the centre of ``bounds`` in the frame's CRS, down to whole 10 m; its height is 0.
 
     Raises:
-        CityError: the buildings spread over more than 100 km.
+        CityError: the buildings spread over more than 100 km (``limits.EXTENT``).
     """
     lon, lat = within_180((place[0] + place[2]) / 2), (place[1] + place[3]) / 2
     epsg = crs.to_epsg(min_confidence=70)
@@ -318,7 +324,7 @@ def choose_local_frame(file: str, bounds: Box, crs: pyproj.CRS, place: Box) -> L
     # Half around the earth, corners may come close to one another again.
     around = (place[2] - place[0]) * 111_320.0 * math.cos(math.radians(lat))
     spread = max(*(high - low), around) if np.isfinite(corners).all() else np.inf
-    if spread > 100_000:
+    if spread > limits.EXTENT:
         far = f"{spread / 1000:.0f} km" if np.isfinite(spread) else "half the earth"
         raise CityError(f"{file}: the buildings spread over {far}: expected a city; cut one out with --clip")
     centre = np.floor((low + high) / 20.0) * 10.0
@@ -374,8 +380,11 @@ def points_to_local_frame(
     return np.column_stack([_plan_to_local_frame(points[:, :2], crs, frame), points[:, 2] - frame.origin[2]])
 
 
+_frame_crs = lru_cache(maxsize=16)(pyproj.CRS.from_user_input)  # asked for with each object
+
+
 def _plan_to_local_frame(points: NDArray[np.float64], crs: pyproj.CRS | None, frame: LocalFrame) -> NDArray[np.float64]:
-    plan = points if crs is None else _transform(crs, pyproj.CRS.from_user_input(frame.crs), points)
+    plan = points if crs is None else _transform(crs, _frame_crs(frame.crs), points)
     return plan - np.array(frame.origin[:2])
 
 

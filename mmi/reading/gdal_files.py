@@ -14,7 +14,9 @@ from pathlib import Path
 
 import pyogrio
 
+from mmi import limits
 from mmi.foundation.errors import CityError
+from mmi.foundation.whole_files import check_size
 
 __all__ = ["RASTERS", "VECTOR_FORMATS", "layers_of", "local_path", "vector_file"]
 
@@ -46,7 +48,7 @@ def local_path(path: Path) -> Path:
     """The same file by a name that GDAL takes for nothing but a file on this machine.
 
     Raises:
-        CityError: it has no such name.
+        CityError: it has no such name, or is too large.
     """
     whole = path.absolute()
     try:
@@ -57,6 +59,7 @@ def local_path(path: Path) -> Path:
         ) from None
     if str(whole).startswith("/vsi"):
         raise CityError(f"{path}: a file on this machine expected, found one of GDAL's virtual file systems")
+    check_size(path, limits.CITY_BYTES, CityError)
     return whole
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
@@ -13,30 +14,43 @@ from urllib.parse import unquote
 import numpy as np
 from PIL import Image
 
+from mmi import limits
 from mmi.city.model import Texture
 from mmi.foundation.errors import CityError
-from mmi.foundation.whole_files import real_path
+from mmi.foundation.whole_files import in_words, real_path
 from mmi.reading.names import UniqueNames, readable_name
 from mmi.reading.report import Ledger
 
-__all__ = ["PictureShelf", "contained_path", "file_beside", "texture_from_bytes"]
+__all__ = ["PictureShelf", "contained_path", "file_beside", "picture_bytes", "texture_from_bytes"]
 
 _FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "TGA", "GIF")
-_MOST_PIXELS = 1 << 26
-"""A picture of 8192 x 8192; larger ones are taken for a mistake or an attack."""
 
 
-def texture_from_bytes(data: bytes, name: str, ledger: Ledger, *, alpha: bool) -> Texture | None:
+def picture_bytes(file: Path, name: str, ledger: Ledger) -> bytes | None:
+    """The encoded picture ``name`` in a file; None, and a note, where it is too large to be one."""
+    if file.stat().st_size > limits.PICTURE_BYTES:
+        ledger.note("left out", f"picture: more than {in_words(limits.PICTURE_BYTES)}", name)
+        return None
+    return file.read_bytes()
+
+
+def texture_from_bytes(
+    data: bytes, name: str, ledger: Ledger, *, alpha: bool, room: float = math.inf
+) -> Texture | None:
     """The encoded picture as a texture called ``name``; None, and a note, where it cannot be decoded.
 
-    With ``alpha``, what is transparent shows the mean of the opaque colours; else the alpha channel is ignored.
+    With ``alpha``, what is transparent shows the mean of the opaque colours; else the alpha channel is ignored. ``room``
+    pixels are left for it.
     """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             with Image.open(io.BytesIO(data), formats=_FORMATS) as picture:
-                if picture.width * picture.height > _MOST_PIXELS:
-                    ledger.note("left out", f"picture: more than {_MOST_PIXELS} pixels", name)
+                if picture.width * picture.height > limits.PICTURE_PIXELS:
+                    ledger.note("left out", f"picture: more than {limits.PICTURE_PIXELS} pixels", name)
+                    return None
+                if picture.width * picture.height > room:
+                    ledger.note("left out", f"picture: beyond {limits.PICTURES_PIXELS} pixels in all", name)
                     return None
                 translucent = alpha and picture.has_transparency_data
                 pixels = np.asarray(picture.convert("RGBA" if translucent else "RGB"))
@@ -127,18 +141,26 @@ class PictureShelf:
         self._places: dict[tuple[bytes, bool], int | None] = {}
         self._names = UniqueNames()
         self._textures: list[Texture] = []
+        self._pixels = 0
 
     def place(self, data: bytes, name: str, *, alpha: bool) -> int | None:
         """Index of the texture of the encoded picture ``data``; None where it cannot be decoded (noted)."""
         key = (data, alpha)
         if key not in self._places:
             unique = self._names.free(name)
-            texture = texture_from_bytes(data, unique, self._ledger, alpha=alpha)
+            room = limits.PICTURES_PIXELS - self._pixels
+            texture = texture_from_bytes(data, unique, self._ledger, alpha=alpha, room=room)
             self._places[key] = None if texture is None else len(self._textures)
             if texture is not None:
                 self._names.take(unique)
                 self._textures.append(texture)
+                self._pixels += texture.image.shape[0] * texture.image.shape[1]
         return self._places[key]
+
+    def place_file(self, file: Path, name: str, *, alpha: bool) -> int | None:
+        """The same of a picture in a file; None where it is too large, too (noted)."""
+        data = picture_bytes(file, name, self._ledger)
+        return None if data is None else self.place(data, name, alpha=alpha)
 
     def textures(self) -> tuple[Texture, ...]:
         """All of them, in the order of their places."""

@@ -107,14 +107,17 @@ _Named = TypeVar("_Named", RawBuilding, RawModel)
 
 
 def with_unique_ids(items: Sequence[_Named], ledger: Ledger) -> tuple[_Named, ...]:
-    """The items in their order; an id that is there already gets ``#2``, ``#3``, ..., which the ledger counts."""
+    """The items in their order; an id that is there already gets ``#2``, ``#3``, ..., which the ledger counts.
+
+    One that is empty is ``unnamed``.
+    """
     names = UniqueNames()
     unique: list[_Named] = []
     for item in items:
-        id_ = names.free(item.id)
+        id_ = names.free(item.id or "unnamed")
         names.take(id_)
         if id_ != item.id:
-            ledger.note("repaired", "repeated id made unique", id_)
+            ledger.note("repaired", "repeated id made unique" if item.id else "building without an id named", id_)
             item = replace(item, id=id_)
         unique.append(item)
     return tuple(unique)

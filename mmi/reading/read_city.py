@@ -14,8 +14,10 @@ from pathlib import Path
 import numpy as np
 from pyproj import CRS
 
+from mmi import limits
 from mmi.city.model import PAINTED, PLAIN, City
 from mmi.foundation.errors import CityError, ParameterError
+from mmi.foundation.whole_files import check_size
 from mmi.reading.antimeridian import joined_buildings, joined_streets
 from mmi.reading.city_models.tiles import joined_tiles, tiles_of
 from mmi.reading.city_models.zipped import unpacked_tiles
@@ -78,6 +80,8 @@ def read_city(
             raise CityError(
                 f"{file}: a file or folder expected, found a pipe or a device; save what comes from it in a file"
             )
+        if file is not None:
+            check_size(file, limits.CITY_BYTES, CityError)
     ledger = Ledger()
     try:
         file = _the_file(path)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mmi import limits
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import ParameterError
@@ -26,12 +27,12 @@ def random_views(
 
     With the ``terrain``, none from below the ground where that is higher than elsewhere in the cell. The same cells and seed
     give the same views, and none is taken from a reference viewpoint, where layers were captured.
-    Raises ParameterError for no cells, a number of views below 1, or a negative seed.
+    Raises ParameterError for no cells, a number of views below 1 or too large, or a negative seed.
     """
     if not cells:
         raise ParameterError("cells to take views from expected, found none")
-    if n < 1:
-        raise ParameterError(f"a number of views of at least 1 expected, found {n}")
+    if not 1 <= n <= limits.VIEWS:
+        raise ParameterError(f"1 to {limits.VIEWS} views expected, found {n}")
     if seed < 0:
         raise ParameterError(f"a seed of 0 or more expected, found {seed}")
     rng = np.random.default_rng(seed)

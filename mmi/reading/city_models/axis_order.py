@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pyproj.exceptions import ProjError
 
 from mmi.city.model import TriangleMesh
+from mmi.reading.coordinates import to_degrees
 from mmi.reading.report import Ledger
 
 __all__ = ["axes_are_exchanged"]
@@ -50,8 +51,7 @@ def _inside_area(points: NDArray[np.float64], crs: pyproj.CRS) -> tuple[bool, bo
         return False, False
     x, y = np.median(points[:, :2], axis=0)
     try:
-        to_degrees = pyproj.Transformer.from_crs(crs, pyproj.CRS.from_epsg(4326), always_xy=True)
-        places = [to_degrees.transform(x, y), to_degrees.transform(y, x)]
+        places = to_degrees(crs, np.array([[x, y], [y, x]])).tolist()
     except ProjError:
         return False, False
     east_first, north_first = (area.west <= lon <= area.east and area.south <= lat <= area.north for lon, lat in places)

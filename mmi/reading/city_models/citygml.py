@@ -18,6 +18,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pyproj
 
+from mmi import limits
 from mmi.foundation.errors import CityError
 from mmi.reading.city_models.axis_order import axes_are_exchanged
 from mmi.reading.city_models.citygml_looks import Look, read_looks
@@ -35,9 +36,6 @@ __all__ = ["is_citygml", "read_citygml"]
 _HEAD = 8192
 _GROUND = ("ReliefFeature", "Road", "Square", "Railway", "LandUse", "WaterBody", "PlantCover", "TrafficArea")
 _LEVEL = re.compile(r"lod([0-4])")
-_DEEPEST = 200
-_FARTHEST = 1e9
-"""Coordinates beyond this are no place on earth in any units."""
 _NO_SURFACES = "no surfaces above level of detail 0"
 
 
@@ -57,8 +55,8 @@ def read_citygml(path: Path, ledger: Ledger, *, lod: str | None = None, crs: pyp
         CityError: damaged XML, or no building with sound coordinates; names the object at fault.
     """
     root = _root(path)
-    if _depth(root) > _DEEPEST:
-        raise CityError(f"{path}: CityGML expected, found elements nested more than {_DEEPEST} deep")
+    if _depth(root) > limits.XML_DEPTH:
+        raise CityError(f"{path}: CityGML expected, found elements nested more than {limits.XML_DEPTH} deep")
     surfaces = _Surfaces(path, ledger, read_looks(path, root, ledger))
     targets = _targets(root)
     names = UniqueNames()
@@ -96,7 +94,7 @@ def _root(path: Path) -> ElementTree.Element:
 def _depth(root: ElementTree.Element) -> int:
     """How deep elements are nested; stops soon after the deepest that is allowed."""
     depth, level = 0, [root]
-    while level and depth <= _DEEPEST:
+    while level and depth <= limits.XML_DEPTH:
         depth, level = depth + 1, [child for element in level for child in element]
     return depth
 
@@ -248,7 +246,7 @@ class _Surfaces:
     def __init__(self, path: Path, ledger: Ledger, looks: tuple[dict[str, Look], PictureShelf]) -> None:
         self._path, self._ledger = path, ledger
         self._looks, self._shelf = looks
-        self._faces, self._relief, self._cover = Faces(), Faces(), Faces()
+        self._faces, self._relief, self._cover = Faces(str(path)), Faces(str(path)), Faces(str(path))
         self._names: list[str] = []
         self._prisms: set[int] = set()
         self._points: list[tuple[float, ...]] = []
@@ -351,7 +349,7 @@ class _Surfaces:
                 numbers = [float(word) for word in text.split()]
             except ValueError as error:
                 raise ValueError(f"numbers expected, found {text[:40]!r}") from error
-            if len(numbers) % 3 or not (np.abs(numbers) < _FARTHEST).all():
+            if len(numbers) % 3 or not (np.abs(numbers) < limits.COORDINATE).all():
                 raise ValueError(f"points of three finite numbers expected, found {len(numbers)}")
             rings.append([self._place(tuple(numbers[i : i + 3])) for i in range(0, len(numbers), 3)])
             ids.append(gml_id(ring))

@@ -32,7 +32,7 @@ def read_looks(path: Path, root: ElementTree.Element, ledger: Ledger) -> tuple[d
             image = next((one.text or "" for one in element if local_name(one) == "imageURI"), "").strip()
             if image not in places:
                 file = file_beside(path.parent, image, ledger)
-                places[image] = None if file is None else shelf.place(file.read_bytes(), image, alpha=True)
+                places[image] = None if file is None else shelf.place_file(file, image, alpha=True)
                 if file is None:
                     ledger.note("left out", "picture: it is not there", image)
             for target in (one for one in element if local_name(one) == "target"):

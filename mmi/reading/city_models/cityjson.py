@@ -22,6 +22,7 @@ import pyproj
 from numpy.typing import NDArray
 from shapely.geometry import LineString
 
+from mmi import limits
 from mmi.city.model import TriangleMesh
 from mmi.foundation.errors import CityError
 from mmi.reading.city_models.cityjson_parts import (
@@ -53,8 +54,6 @@ __all__ = ["is_cityjson", "read_cityjson"]
 _GROUND = ("Road", "Railway", "Square", "TransportSquare", "LandUse", "PlantCover", "WaterBody", "Waterway")
 _DEPTH = MappingProxyType({"MultiSurface": 1, "CompositeSurface": 1, "Solid": 2, "MultiSolid": 3, "CompositeSolid": 3})
 _HEAD = 4096
-_FARTHEST = 1e9
-"""Coordinates beyond this are no place on earth in any units."""
 
 
 def is_cityjson(path: Path) -> bool:
@@ -114,7 +113,7 @@ class _Reader:
 
     def __init__(self, path: Path, ledger: Ledger, lod: str | None, fallback: pyproj.CRS | None) -> None:
         self._path, self._ledger, self._lod, self._fallback = path, ledger, lod, fallback
-        self._faces = Faces()
+        self._faces = Faces(str(path))
         self._shelf = PictureShelf(ledger)
         self._points: list[NDArray[np.float64]] = [np.empty((0, 3))]
         self._uv: list[NDArray[np.float64]] = [np.empty((0, 2))]
@@ -158,7 +157,7 @@ class _Reader:
         points = points_of(feature.get("vertices"))
         with np.errstate(over="ignore", invalid="ignore"):
             points = points * self._scale + self._translate
-            self._no_places = frozenset(np.flatnonzero(~(np.abs(points) < _FARTHEST).all(axis=1)).tolist())
+            self._no_places = frozenset(np.flatnonzero(~(np.abs(points) < limits.COORDINATE).all(axis=1)).tolist())
         points[list(self._no_places)] = 0.0
         self._here, self._number, self._added = points, len(points), []
         for name, count in missing_parts(objects).items():
@@ -225,8 +224,8 @@ class _Reader:
 
     def _add_points(self, points: NDArray[np.float64]) -> None:
         """More points of this feature, behind those that it has."""
-        if not (np.abs(points) < _FARTHEST).all():
-            raise ValueError(f"finite coordinates expected, below {_FARTHEST:g}")
+        if not (np.abs(points) < limits.COORDINATE).all():
+            raise ValueError(f"finite coordinates expected, below {limits.COORDINATE:g}")
         self._added.append(points)
         self._number += len(points)
 
@@ -282,6 +281,8 @@ class _Reader:
 
     def _name_owner(self, family: str) -> None:
         """The next owner of faces is the building ``family``."""
+        self._ledger.note("repaired", "building without an id named", count=int(not family))
+        family = family or "Building"
         name = self._names.free(family)
         self._names.take(name)
         self._owners[name] = len(self._owners)
@@ -340,7 +341,7 @@ class _Reader:
             raise ValueError(f"vertex {str(max(every))[:20]} of {self._number}")
         if self._no_places and not self._no_places.isdisjoint(every):
             first = min(self._no_places.intersection(every))
-            raise ValueError(f"vertices: {first}: three finite numbers expected, below {_FARTHEST:g}")
+            raise ValueError(f"vertices: {first}: three finite numbers expected, below {limits.COORDINATE:g}")
         return surfaces
 
     def _texture(self, value: Any, count: int) -> tuple[int | None, list[list[int]]]:  # noqa: ANN401
@@ -401,5 +402,5 @@ class _Reader:
                 self._ledger.note("left out", "picture: it is not there", image)
                 self._images[image] = None
             else:
-                self._images[image] = self._shelf.place(file.read_bytes(), image, alpha=True)
+                self._images[image] = self._shelf.place_file(file, image, alpha=True)
         return self._images[image]

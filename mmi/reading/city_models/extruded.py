@@ -12,13 +12,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from mmi import limits
 from mmi.reading.maps.gis_columns import HEIGHT_COLUMNS, LEVELS_COLUMNS, plain_name, says_feet
 from mmi.reading.maps.heights import FOOT, LEVEL_HEIGHT, parse_metres
 
 __all__ = ["height_from_attributes", "prism_of_rings"]
 
 _LEVELS = ("storeysaboveground", *LEVELS_COLUMNS)
-_MOST = 1000.0
 
 
 def height_from_attributes(attributes: Mapping[str, object]) -> tuple[float, str] | None:
@@ -28,7 +28,7 @@ def height_from_attributes(attributes: Mapping[str, object]) -> tuple[float, str
             for name, value in attributes.items():
                 if plain_name(name) == wanted:
                     height = metres * _number(value) * (FOOT if says_feet(name) else 1.0)
-                    if 0.0 < height <= _MOST:
+                    if 0.0 < height <= limits.BUILDING_HEIGHT:
                         return height, f"{name}{note}"
     return None
 

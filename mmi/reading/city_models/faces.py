@@ -13,7 +13,9 @@ import mapbox_earcut
 import numpy as np
 from numpy.typing import NDArray
 
+from mmi import limits
 from mmi.city.model import PAINTED, PLAIN, TriangleMesh
+from mmi.foundation.errors import CityError
 
 __all__ = ["Color", "Faces", "triangulate_faces"]
 
@@ -24,9 +26,13 @@ _MOST_REPEATS = 1e5
 
 
 class Faces:
-    """The faces of a file while it is read. Owners are numbers, points and texture coordinates places in tables."""
+    """The faces of a file while it is read. Owners are numbers, points and texture coordinates places in tables.
 
-    def __init__(self) -> None:
+    Who adds too many gets a CityError (``limits.FACE_CORNERS``): a file may use the same ones again and again.
+    """
+
+    def __init__(self, file: str = "") -> None:
+        self._file = file
         self._points: list[int] = []
         self._uv: list[int] = []
         self._ring_lengths: list[int] = []
@@ -81,6 +87,7 @@ class Faces:
         if not lengths:
             return False
         self._points += points
+        self._check_number()
         self._uv += places
         self._ring_lengths += lengths
         self._ring_counts.append(len(lengths))
@@ -98,11 +105,18 @@ class Faces:
             return
         before = len(self._points)
         self._points += chain.from_iterable(rings)
+        self._check_number()
         self._uv += [-1] * (len(self._points) - before)
         self._ring_lengths += map(len, rings)
         self._ring_counts += map(len, faces)
         self._owners += [owner] * len(faces)
         self._looks += [(PAINTED, 255, 255, 255)] * len(faces)
+
+    def _check_number(self) -> None:
+        if len(self._points) > limits.FACE_CORNERS:
+            raise CityError(
+                f"{self._file}: at most {limits.FACE_CORNERS} corners of faces expected, found more; give it in tiles"
+            )
 
     def meshes(self, points: NDArray[np.float64], uv: NDArray[np.float64]) -> dict[int, TriangleMesh]:
         """A mesh for each owner that has triangles, from the tables ``points`` (n, 3) and ``uv`` (k, 2)."""

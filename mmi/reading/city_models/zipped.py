@@ -15,15 +15,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
+from mmi import limits
 from mmi.foundation.errors import CityError
+from mmi.foundation.whole_files import in_words
 
 __all__ = ["unpacked_tiles"]
 
 _MODELS = (".gml", ".xml", ".json", ".jsonl")
 _PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".gif", ".tga")
 _HEAD = 8192
-_MOST_BYTES = 16 << 30
-_MOST_FILES = 100_000
 _CITYJSON = re.compile(rb'"type"\s*:\s*"CityJSON(Feature)?"|"CityObjects"')
 _DAMAGE = (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, ValueError, EOFError, OSError)
 """What Python raises on a zip that is cut off, encrypted, packed in an unknown way, or does not fit on the disk."""
@@ -62,10 +62,10 @@ def _unpacked(path: Path, folder: Path) -> list[Path]:
             raise CityError(f"{path}: tiles of one kind expected, found both CityGML and CityJSON")
         wanted = [one for one in entries if kinds.get(one.filename) or one.filename.lower().endswith(_PICTURES)]
         size = sum(one.file_size for one in wanted)
-        if size > _MOST_BYTES or len(wanted) > _MOST_FILES:
+        if size > limits.ZIP_BYTES or len(wanted) > limits.ZIP_FILES:
             raise CityError(
-                f"{path}: at most {_MOST_FILES} files of {_MOST_BYTES >> 30} GB together expected, found {len(wanted)} of "
-                f"{size / (1 << 30):.1f} GB; unpack it, and give the folder of its tiles"
+                f"{path}: at most {limits.ZIP_FILES} files of {in_words(limits.ZIP_BYTES)} together expected, found "
+                f"{len(wanted)} of {in_words(size)}; unpack it, and give the folder of its tiles"
             )
         for one in wanted:
             place = folder / PurePosixPath(one.filename)

@@ -18,6 +18,7 @@ from rasterio.errors import RasterioError
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
+from mmi import limits
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError
 from mmi.reading.coordinates import declared_crs
@@ -272,6 +273,11 @@ def _raster_points(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             with _opened(path, drivers) as raster:
+                if raster.width * raster.height > limits.RASTER_CELLS:
+                    raise CityError(
+                        f"{path}: a raster of at most {limits.RASTER_CELLS} cells expected, found "
+                        f"{raster.width} x {raster.height}"
+                    )
                 step = max(1, math.ceil(math.sqrt(raster.width * raster.height / _MOST_CELLS)))
                 rows, columns = math.ceil(raster.height / step), math.ceil(raster.width / step)
                 band = raster.read(1, out_shape=(rows, columns), masked=True)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mmi import limits
 from mmi.reading.report import Ledger
 
 __all__ = [
@@ -37,8 +38,6 @@ OPEN_ROOF_HEIGHT = 4.0
 FOOT = 0.3048
 """Metres a foot."""
 
-_MAX_HEIGHT = 1000.0
-_MAX_LEVELS = 250.0
 _NEIGHBOURS = 8
 _OPEN_ROOFS = frozenset({"roof", "canopy", "carport"})
 _OPEN_ROOF_THICKNESS = 0.5
@@ -91,17 +90,17 @@ def heights_from_tags(
 ) -> Heights:
     """Heights that the tags of outline ``id_`` give. Heights outside (0, 1000] m and levels outside (0, 250] are ignored."""
     tiny = 1e-3
-    top = _sane(tags, ("height", "building:height", "est_height"), tiny, _MAX_HEIGHT, id_, "height", ledger)
+    top = _sane(tags, ("height", "building:height", "est_height"), tiny, limits.BUILDING_HEIGHT, id_, "height", ledger)
     if top is not None:
         ledger.note("inferred", f"height from {height_label}")
     else:
-        levels = _sane(tags, ("building:levels",), tiny, _MAX_LEVELS, id_, "number of levels", ledger)
+        levels = _sane(tags, ("building:levels",), tiny, limits.BUILDING_LEVELS, id_, "number of levels", ledger)
         if levels is not None:
             top = levels * LEVEL_HEIGHT
             ledger.note("inferred", f"height from {levels_label} x {LEVEL_HEIGHT} m")
-    bottom = _sane(tags, ("min_height", "building:min_height"), 0.0, _MAX_HEIGHT, id_, "min_height", ledger)
+    bottom = _sane(tags, ("min_height", "building:min_height"), 0.0, limits.BUILDING_HEIGHT, id_, "min_height", ledger)
     if bottom is None:
-        level = _sane(tags, ("building:min_level",), 0.0, _MAX_LEVELS, id_, "min_level", ledger)
+        level = _sane(tags, ("building:min_level",), 0.0, limits.BUILDING_LEVELS, id_, "min_level", ledger)
         bottom = None if level is None else level * LEVEL_HEIGHT
     kinds = {tags.get("building", "").lower(), tags.get("building:part", "").lower()}
     open_roof = not kinds.isdisjoint(_OPEN_ROOFS)

@@ -11,6 +11,8 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
+from mmi.reading.unpacked import most_unpacked, too_large
+
 __all__ = ["refuse_zero_bytes"]
 
 _MOST_HEADER, _MOST_BLOB = 64 << 10, 32 << 20
@@ -23,8 +25,10 @@ def refuse_zero_bytes(path: Path) -> None:
     """Look through the tables of strings of all blocks of ``path``.
 
     Raises:
+        CityError: more comes out of the blocks than may.
         ValueError: a text with a zero byte; a block that is damaged, too large, or packed by anything but zlib.
     """
+    most, count = most_unpacked(path), 0
     with path.open("rb") as file:
         while head := file.read(4):
             size = _number_up_to(head, _MOST_HEADER)
@@ -36,6 +40,9 @@ def refuse_zero_bytes(path: Path) -> None:
             blob = _exactly(file.read(sizes[-1]), sizes[-1])
             if kinds[-1:] == [b"OSMData"]:
                 for block in _unpacked(blob):
+                    count += len(block)
+                    if count > most:
+                        raise too_large(path, most)
                     _look_through(block)
 
 

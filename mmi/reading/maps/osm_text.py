@@ -8,8 +8,6 @@ Source: https://wiki.openstreetmap.org/wiki/Overpass_API/Overpass_QL, section "o
 
 from __future__ import annotations
 
-import bz2
-import gzip
 import io
 import math
 import re
@@ -21,7 +19,9 @@ from xml.etree import ElementTree
 
 import osmium
 
+from mmi import limits
 from mmi.reading.maps.osm_pbf import refuse_zero_bytes
+from mmi.reading.unpacked import unpacked
 from mmi.reading.xml_elements import xml_root
 
 __all__ = ["DAMAGED", "OsmText", "look_through", "without_damage"]
@@ -53,6 +53,7 @@ def look_through(path: Path) -> OsmText:
     """How to read ``path``; PBF has neither deletions nor places in members.
 
     Raises:
+        CityError: it is too large, or more comes out of it than may.
         OSError, ValueError, EOFError, zlib.error: the file is cut off, or damaged where it has to be written anew, or has texts
             that osmium must not read.
     """
@@ -60,8 +61,7 @@ def look_through(path: Path) -> OsmText:
     if suffix == ".pbf":
         refuse_zero_bytes(path)
         return OsmText(str(path), frozenset())
-    opener: Any = {".gz": gzip.open, ".bz2": bz2.open}.get(suffix, open)
-    with opener(path, "rb") as file:
+    with unpacked(path) as file:
         any_deleted, to_write = False, False
         corner: re.Match[bytes] | None = None
         tail = b""
@@ -74,8 +74,7 @@ def look_through(path: Path) -> OsmText:
         without_id = corner is not None and b" ref=" not in corner[0]
         if not (any_deleted or to_write or without_id):
             return OsmText(str(path), frozenset())
-        file.seek(0)
-        text = file.read()
+        text = file.read_all(limits.REWRITTEN_BYTES)
     deleted = frozenset(_deleted(text)) if any_deleted else frozenset()
     if not (to_write or without_id):
         return OsmText(str(path), deleted)
@@ -91,9 +90,8 @@ def without_damage(path: Path) -> tuple[OsmText, list[str]]:
     suffix = path.suffix.lower()
     if suffix == ".pbf":
         return OsmText(str(path), frozenset()), []
-    opener: Any = {".gz": gzip.open, ".bz2": bz2.open}.get(suffix, open)
-    with opener(path, "rb") as file:
-        text = _written_anew(file.read())
+    with unpacked(path) as file:
+        text = _written_anew(file.read_all(limits.REWRITTEN_BYTES))
     root = xml_root(io.BytesIO(text))
     lost: list[str] = []
     for one in list(root):
@@ -102,7 +100,7 @@ def without_damage(path: Path) -> tuple[OsmText, list[str]]:
             root.remove(one)
             lost.append(f"{one.tag}/{one.get('id', 'without id')[:20]}")
         elif one.tag == "node" and not _is_on_earth(one):
-            one.attrib |= {"lat": _OFF_THE_EARTH, "lon": "0"}  # which osmium reads, and its ways are told why they lack it
+            one.attrib |= {"lat": _OFF_THE_EARTH, "lon": "0"}  # osmium can read that, and tells it from a missing node
             lost.append(f"{one.tag}/{one.get('id', 'without id')[:20]}")
         for part in inside:
             if not _are_numbers(part, "ref", "lat", "lon"):

@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from shapely.geometry import LineString
 from shapely.geometry.base import BaseGeometry
 
+from mmi import limits
 from mmi.city.model import CityObject
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError
 from mmi.reading.coordinates import LocalFrame, to_local_frame
-from mmi.reading.maps.along_lines import nearest_places, points_along
+from mmi.reading.along_lines import nearest_places, points_along
 from mmi.reading.maps.heights import parse_metres
 from mmi.reading.raw_layers import RawStreet, StreetLayer, is_yes
 from mmi.reading.report import Ledger
@@ -32,8 +33,6 @@ from mmi.reading.report import Ledger
 __all__ = ["graph_from_lines", "half_width", "moved_lines", "refusal", "street_kind"]
 
 _LANE_WIDTH = 3.0
-_FARTHEST = 1e6
-"""Metres from the origin: who reaches further has damaged coordinates, with which no geometry can be computed."""
 _SNAP = 0.1
 _SHORTEST = 1.0
 _HEADROOM = 2.5
@@ -155,8 +154,8 @@ def graph_from_lines(
     unused: Counter[str] = Counter()
     for item, own in zip(layer.items, shapes, strict=True):
         reason = refusal(item.tags, network, osm=osm)
-        if reason is None and not (np.abs(shapely.bounds(own)) <= _FARTHEST).all():  # nor is NaN, or infinity
-            ledger.note("left out", f"street: it reaches further than {_FARTHEST / 1e3:,.0f} km", item.id)
+        if reason is None and not (np.abs(shapely.bounds(own)) <= limits.STREET_REACH).all():  # nor is NaN, or infinity
+            ledger.note("left out", f"street: it reaches further than {limits.STREET_REACH / 1e3:,.0f} km", item.id)
             unused["out of reach"] += 1
         elif reason is None:
             used.append(item)

@@ -8,11 +8,12 @@ Source: https://sumo.dlr.de/docs/Networks/SUMO_Road_Networks.html.
 from __future__ import annotations
 
 import gzip
+import zlib
 from collections.abc import Iterator, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -22,14 +23,14 @@ from numpy.typing import NDArray
 from pyproj.exceptions import ProjError
 from shapely.geometry import LineString
 
+from mmi import limits
 from mmi.foundation.errors import CityError
 from mmi.reading.raw_layers import RawStreet, StreetLayer
 from mmi.reading.report import Ledger
+from mmi.reading.unpacked import unpacked
 
 __all__ = ["is_sumo", "read_sumo"]
 
-_FARTHEST = 1e9
-"""Metres: no network has larger coordinates, and squares of such are still numbers."""
 _LANE_WIDTH = 3.2
 """Metres, where a lane declares none: SUMO's default."""
 _APART = 12.0
@@ -65,9 +66,9 @@ def is_sumo(path: Path) -> bool:
     if not path.is_file() or not path.name.lower().endswith((".xml", ".xml.gz")):
         return False
     try:
-        with _open(path) as file:
+        with unpacked(path) as file:
             head = file.read(1 << 16)
-    except (OSError, EOFError):
+    except (OSError, EOFError, zlib.error, CityError):  # whoever reads it says so
         return False
     return b"<net " in head and (
         b"net_file.xsd" in head or b"<location" in head or path.name.lower().endswith(".net.xml")
@@ -119,14 +120,10 @@ def read_sumo(path: Path, ledger: Ledger, *, local: bool = False) -> StreetLayer
     return StreetLayer(str(path), tuple(_with_unique_ids(streets)), crs, crs is not None)
 
 
-def _open(path: Path) -> IO[bytes]:
-    return gzip.open(path, "rb") if path.suffix.lower() == ".gz" else path.open("rb")  # type: ignore[return-value]
-
-
 def _elements(path: Path) -> Iterator[ElementTree.Element]:
     """The elements directly below the root, one at a time, forgotten afterwards; DTDs are refused (they define entities)."""
     try:
-        with _open(path) as file:
+        with unpacked(path) as file:
             parser: ElementTree.XMLPullParser[ElementTree.Element] = ElementTree.XMLPullParser(["start", "end"])
             depth, head = 0, b""
             root: ElementTree.Element | None = None
@@ -149,7 +146,7 @@ def _elements(path: Path) -> Iterator[ElementTree.Element]:
             parser.close()
     except ElementTree.ParseError as error:
         raise CityError(f"{path}: expected a SUMO network, complete to its end; found: {error}") from error
-    except (EOFError, gzip.BadGzipFile) as error:
+    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
         raise CityError(f"{path}: expected gzip, complete to its end; found: {error}") from error
     if root is None:
         raise CityError(f"{path}: expected a SUMO network, found an empty file")
@@ -170,7 +167,7 @@ def _location(path: Path, element: ElementTree.Element) -> tuple[pyproj.CRS | No
 def _numbers(text: str) -> list[tuple[float, float]]:
     """``x,y x,y ...``, heights left out."""
     points = [tuple(float(one) for one in word.split(",")) for word in text.split()]
-    if not all(len(point) in (2, 3) and np.max(np.abs(point)) <= _FARTHEST for point in points):  # nor is NaN
+    if not all(len(point) in (2, 3) and np.max(np.abs(point)) <= limits.COORDINATE for point in points):  # nor is NaN
         raise ValueError(f"x,y expected, found {text[:60]!r}")
     return [(point[0], point[1]) for point in points]
 

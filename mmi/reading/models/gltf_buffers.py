@@ -12,16 +12,16 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
+from mmi import limits
 from mmi.foundation.errors import CityError
+from mmi.foundation.whole_files import bytes_within
 from mmi.gltf.codes import DTYPES, WIDTHS
 from mmi.gltf.container import BIN, JSON, glb_chunks, glb_version, is_glb
 from mmi.gltf.reading import buffer_view, elements, whole_number
-from mmi.reading.pictures import contained_path, file_beside
+from mmi.reading.pictures import contained_path, file_beside, picture_bytes
 from mmi.reading.report import Ledger
 
 __all__ = ["GltfFile", "open_gltf"]
-
-_MOST_ELEMENTS = 1 << 28
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,8 +39,9 @@ class GltfFile:
         component, kind = entry["componentType"], entry["type"]
         dtype, width = DTYPES[component], WIDTHS[kind]
         count = whole_number(entry["count"])
-        if count * width > _MOST_ELEMENTS:
-            raise ValueError(f"an accessor of {count} elements; at most {_MOST_ELEMENTS // width} expected")
+        most = (limits.ACCESSOR_ELEMENTS if "bufferView" in entry else limits.EMPTY_ACCESSOR_ELEMENTS) // width
+        if count > most:
+            raise ValueError(f"an accessor of {count} elements; at most {most} expected")
         values = (
             self._elements(entry, count, component, kind) if "bufferView" in entry else np.zeros((count, width), dtype)
         )
@@ -74,7 +75,7 @@ class GltfFile:
         if file is None:
             self.ledger.note("left out", "picture: its file is missing", uri)
             return None
-        return file.read_bytes()
+        return picture_bytes(file, uri, self.ledger)
 
 
 def open_gltf(path: Path, ledger: Ledger) -> GltfFile:
@@ -108,7 +109,7 @@ def open_gltf(path: Path, ledger: Ledger) -> GltfFile:
             file = _beside(path, str(entry["uri"]))
             if not file.is_file():
                 raise CityError(f"{path}: its buffer {entry['uri']!r} is missing; expected that file beside it")
-            found = file.read_bytes()
+            found = bytes_within(file, limits.CITY_BYTES, CityError)
         if len(found) < whole_number(entry["byteLength"]):
             raise CityError(f"{path}: buffer {i}: {entry['byteLength']} bytes expected, found {len(found)}")
         buffers.append(found)

@@ -20,6 +20,7 @@ import pyproj
 from numpy.typing import NDArray
 from shapely.geometry import LineString
 
+from mmi import limits
 from mmi.city.model import PAINTED, PLAIN, TriangleMesh
 from mmi.foundation.errors import CityError, ParameterError
 from mmi.foundation.srgb import srgb_from_linear
@@ -48,8 +49,6 @@ _PLUMB = 1e-3
 _DAMAGE = (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, binascii.Error)
 """What Python raises on glTF of another shape than expected."""
 _INSTANCING = "EXT_mesh_gpu_instancing"
-_MOST_INSTANCES = 100_000
-"""Copies of meshes in a file; more would be a forest, not a city."""
 _READ_EXTENSIONS = frozenset(
     {"KHR_texture_transform", "KHR_mesh_quantization", WEBP, _INSTANCING, "KHR_lights_punctual", "KHR_xmp_json_ld"}
 )
@@ -105,6 +104,7 @@ class _Reading:
         self.models: list[RawModel] = []
         self.streets: list[RawStreet] = []
         self.ground: list[TriangleMesh] = []
+        self.corners = 0
 
     def layer(self) -> ModelLayer:
         extras = self.gltf.document.get("asset", {}).get("extras")
@@ -161,8 +161,8 @@ class _Reading:
             matrix = parent @ _placement(node)
             if "mesh" in node:
                 found += [(node, matrix @ copy) for copy in self.copies(node, _name(node, index))]
-            if len(found) > _MOST_INSTANCES + len(nodes):
-                raise ValueError(f"over {_MOST_INSTANCES} instances of meshes")
+            if len(found) > limits.INSTANCES + len(nodes):
+                raise ValueError(f"over {limits.INSTANCES} instances of meshes")
             stack += [(int(child), matrix) for child in reversed(node.get("children", []))]
         for index, node in enumerate(nodes):
             if "mesh" in node and index not in seen:
@@ -177,7 +177,7 @@ class _Reading:
         keys = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
         columns = {keys[key]: self.gltf.accessor(index) for key, index in entry["attributes"].items() if key in keys}
         counts = {len(values) for values in columns.values()}
-        if len(counts) != 1 or max(counts) > _MOST_INSTANCES:
+        if len(counts) != 1 or max(counts) > limits.INSTANCES:
             raise ValueError(
                 f"node {name}: instances expected, as many of each kind of attribute, found {sorted(counts)}"
             )
@@ -206,6 +206,11 @@ class _Reading:
                 if "indices" in primitive
                 else np.arange(len(points))
             )
+            self.corners += max(len(order), len(points))
+            if self.corners > 3 * limits.PLACED_TRIANGLES:
+                raise CityError(
+                    f"at most {limits.PLACED_TRIANGLES} triangles expected, found more, meshes as often as used"
+                )
             if order.size and not 0 <= order.min() <= order.max() < len(points):
                 raise ValueError(f"node {name}: indices below {len(points)} expected, found up to {order.max()}")
             if mode in (TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN):

@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 from pyproj import CRS
 from shapely.geometry import Polygon
 
+from mmi import limits
 from mmi.city.model import City, TriangleMesh
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError, ParameterError
+from mmi.foundation.whole_files import check_size
 from mmi.reading.antimeridian import joined_model, joined_streets
 from mmi.reading.city_models.citygml import is_citygml, read_citygml
 from mmi.reading.city_models.cityjson import is_cityjson, read_cityjson
@@ -49,8 +51,6 @@ from mmi.reading.steps import Progress, step
 __all__ = ["city_of_model", "heights_in_metres", "is_model", "read_model"]
 
 _LOCAL = LocalFrame("local", (0.0, 0.0, 0.0), "")
-_EXTENT = 100_000.0
-"""Metres that a city in metres of its own has at most, as one with a coordinate system (``choose_local_frame``)."""
 
 
 def is_model(path: Path) -> bool:
@@ -60,6 +60,7 @@ def is_model(path: Path) -> bool:
 
 def read_model(path: Path, ledger: Ledger, *, lod: str | None, up: str, crs: CRS | None = None) -> ModelLayer:
     """The model in ``path``; see the readers for ``lod``, ``up`` and ``crs``."""
+    check_size(path, limits.CITY_BYTES, CityError)
     if is_mesh(path):
         if lod is not None:
             raise ParameterError(f"--lod: {path} has no levels of detail; found {lod!r}")
@@ -181,7 +182,7 @@ def _local_frame(layer: ModelLayer, crs: CRS | None) -> LocalFrame:
     (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
     if crs is None:
         spread = float(max(x1 - x0, y1 - y0))
-        if not spread <= _EXTENT:
+        if not spread <= limits.EXTENT:
             raise CityError(
                 f"{layer.file}: the buildings spread over {spread / 1000:.0f} km: expected a city in metres"
             )

@@ -23,8 +23,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mmi import limits
 from mmi.city.model import PAINTED, PLAIN, TriangleMesh
 from mmi.foundation.errors import CityError
+from mmi.foundation.whole_files import bytes_within
 from mmi.reading.models.raw_meshes import cut_polygons, number_of, placed_corners
 from mmi.reading.names import readable_name
 from mmi.reading.pictures import PictureShelf, contained_path, file_beside
@@ -241,7 +243,9 @@ def _read_materials(path: Path, name: bytes, shelf: PictureShelf, ledger: Ledger
         return {}
     looks: dict[bytes, _Look] = {}
     current = b""
-    for number, line in enumerate(file.read_bytes().removeprefix(BOM_UTF8).splitlines(), 1):
+    for number, line in enumerate(
+        bytes_within(file, limits.SMALL_BYTES, CityError).removeprefix(BOM_UTF8).splitlines(), 1
+    ):
         words = line.split()
         if not words:
             continue
@@ -302,7 +306,7 @@ def _mapped(file: Path, words: list[bytes], shelf: PictureShelf, ledger: Ledger)
     if picture is None:
         ledger.note("left out", "picture: its file is missing", readable_name(name))
         return None
-    place = shelf.place(picture.read_bytes(), readable_name(os.fsencode(picture.name)), alpha=True)
+    place = shelf.place_file(picture, readable_name(os.fsencode(picture.name)), alpha=True)
     if place is None:
         return None
     su, sv = [*numbers[b"-s"], 1.0, 1.0][:2]

@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from mmi import limits
 from mmi.city.model import TriangleMesh
 from mmi.reading.report import Ledger
 
 __all__ = ["cut_polygons", "joined_meshes", "linked", "number_of", "placed_corners", "y_up_to_z_up"]
-
-_FARTHEST = 1.0e8
-"""Metres: coordinates beyond are a mistake, no projection of the earth reaches there."""
 
 
 def number_of(word: bytes) -> float:
@@ -114,11 +112,11 @@ def placed_corners(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """``points`` (n, 3), another one for those that are no numbers or absurdly far; which triangles (m,) have none of these."""
     with np.errstate(invalid="ignore"):
-        sound = np.asarray(np.abs(points).max(axis=1) <= _FARTHEST)
+        sound = np.asarray(np.abs(points).max(axis=1) <= limits.MESH_COORDINATE)
     if sound.all():
         return points, np.ones(len(triangles), dtype=bool)
     keep = np.asarray(sound[triangles].all(axis=1))
-    what = f"triangle: corners that are no numbers or farther than {_FARTHEST:.0e} m"
+    what = f"triangle: corners that are no numbers or farther than {limits.MESH_COORDINATE:.0e} m"
     ledger.note("left out", what, name, count=int((~keep).sum()))
     # A place of its own, such as 0, would count in the bounds of the city.
     return np.where(sound[:, None], points, points[sound][0] if sound.any() else 0.0), keep

@@ -202,7 +202,7 @@ def test_damaged_and_huge_zips_are_refused_in_one_line(tmp_path, monkeypatch):
     ) as caught:
         read_city(path)
     assert "\n" not in str(caught.value)
-    monkeypatch.setattr("mmi.reading.city_models.zipped._MOST_BYTES", 1000)
+    monkeypatch.setattr("mmi.limits.ZIP_BYTES", 1000)
     with pytest.raises(CityError, match=r"city\.zip: at most .* together expected, found 1 of .*; unpack it"):
         read_city(zipped(tmp_path / "tiles", path))
 

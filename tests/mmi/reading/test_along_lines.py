@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import LineString, Point
 
-from mmi.reading.maps.along_lines import nearest_places, points_along
+from mmi.reading.along_lines import nearest_places, points_along
 from mmi.reading.maps.streets import _split_where_touching
 from mmi.reading.maps.sumo import _are_close, _mean_line
 from mmi.reading.raw_layers import RawStreet
