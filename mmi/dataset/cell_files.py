@@ -152,11 +152,15 @@ def read_depths(dataset: Dataset, cell: str) -> dict[str, tuple[NDArray[np.float
 
 def _check_windows(data: bytes, layers: Sequence[LayerEntry]) -> None:
     """Raise ValueError unless the parts of an EXR, which is not unpacked yet, are as large as the manifest says."""
-    for part, one in zip(OpenEXR.File(io.BytesIO(data), header_only=True).parts, layers, strict=True):
+    windows = {one.name: one.window for one in layers}
+    parts = OpenEXR.File(io.BytesIO(data), header_only=True).parts
+    if len(parts) != len(windows):
+        raise ValueError(f"{len(windows)} parts expected, found {len(parts)}")
+    for part in parts:
         low, high = (np.asarray(corner).tolist() for corner in part.header["dataWindow"])
-        left, top, width, height = one.window
+        left, top, width, height = windows[part.name()]
         if [*low, *high] != [left, top, left + width - 1, top + height - 1]:
-            raise ValueError(f"{part.name()}: the data window of {one.window} expected, found {low} to {high}")
+            raise ValueError(f"{part.name()}: a window of {width} x {height} expected, found {low} to {high}")
 
 
 def read_impostor(dataset: Dataset, cell: str, city: City) -> Impostor:

@@ -24,8 +24,8 @@ from mmi import limits
 from mmi.city.model import CityObject
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError
-from mmi.reading.coordinates import LocalFrame, to_local_frame
 from mmi.reading.along_lines import nearest_places, points_along
+from mmi.reading.coordinates import LocalFrame, to_local_frame
 from mmi.reading.maps.heights import parse_metres
 from mmi.reading.raw_layers import RawStreet, StreetLayer, is_yes
 from mmi.reading.report import Ledger
