@@ -173,9 +173,7 @@ def test_a_model_without_a_coordinate_system_is_no_wider_than_a_city(tmp_path, m
         f"{corners}{far}o a\nf 1 2 4 3\nf 5 6 8 7\nf 1 2 6 5\nf 3 4 8 7\nf 2 4 8 6\no b\nf 9 10 12 11\n"
     )
     monkeypatch.setattr(limits, "EXTENT", 2000.0)
-    with pytest.raises(
-        CityError, match=r"a.obj: the buildings spread over 2 km: expected a city in metres"
-    ):
+    with pytest.raises(CityError, match=r"a.obj: the buildings spread over 2 km: expected a city in metres"):
         read_city(tmp_path / "a.obj", ReadOptions(up="z"))
 
 
