@@ -33,7 +33,7 @@ from mmi.reading.report import Ledger
 __all__ = [
     "Box", "LocalFrame", "agree_on_crs", "box_to_local_frame", "check_not_swapped", "choose_local_frame",
     "coordinate_bounds", "declared_crs", "lonlat_bounds", "meets_box", "named_crs", "parse_crs",
-    "points_to_local_frame", "to_degrees", "to_local_frame", "within_clip",
+    "points_to_local_frame", "to_local_frame", "within_clip",
 ]  # fmt: skip
 
 Box = tuple[float, float, float, float]
@@ -44,6 +44,7 @@ _WGS84 = pyproj.CRS.from_epsg(4326)
 _MAX_SCALE_ERROR = 0.0025
 _MAX_SHEAR_DEGREES = 0.2
 _MIN_CORNERS = 40
+_frame_crs = lru_cache(maxsize=16)(pyproj.CRS.from_user_input)  # asked for with each object
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,11 +127,6 @@ def _transform(source: pyproj.CRS, target: pyproj.CRS, points: NDArray[np.float6
 def _transformer(source: pyproj.CRS, target: pyproj.CRS) -> pyproj.Transformer:
     """Looking for the way between two systems takes longer than many points take on it."""
     return pyproj.Transformer.from_crs(source, target, always_xy=True)
-
-
-def to_degrees(crs: pyproj.CRS, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Longitudes and latitudes (n, 2) of points (n, 2) of ``crs``, x first; not finite where that is impossible."""
-    return _transform(crs, _WGS84, points)
 
 
 def lonlat_bounds(file: str, bounds: Box, crs: pyproj.CRS) -> Box:
@@ -378,9 +374,6 @@ def points_to_local_frame(
 ) -> NDArray[np.float64]:
     """Points (n, 3) from ``crs`` (None: the frame's own units) into ``frame``; heights less the origin's."""
     return np.column_stack([_plan_to_local_frame(points[:, :2], crs, frame), points[:, 2] - frame.origin[2]])
-
-
-_frame_crs = lru_cache(maxsize=16)(pyproj.CRS.from_user_input)  # asked for with each object
 
 
 def _plan_to_local_frame(points: NDArray[np.float64], crs: pyproj.CRS | None, frame: LocalFrame) -> NDArray[np.float64]:

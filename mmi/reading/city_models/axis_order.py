@@ -8,6 +8,7 @@ neither, the faces of solids tell: they look outwards in a right-handed frame, a
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 
 import numpy as np
 import pyproj
@@ -15,7 +16,6 @@ from numpy.typing import NDArray
 from pyproj.exceptions import ProjError
 
 from mmi.city.model import TriangleMesh
-from mmi.reading.coordinates import to_degrees
 from mmi.reading.report import Ledger
 
 __all__ = ["axes_are_exchanged"]
@@ -51,11 +51,17 @@ def _inside_area(points: NDArray[np.float64], crs: pyproj.CRS) -> tuple[bool, bo
         return False, False
     x, y = np.median(points[:, :2], axis=0)
     try:
-        places = to_degrees(crs, np.array([[x, y], [y, x]])).tolist()
+        places = [_to_degrees(crs).transform(x, y), _to_degrees(crs).transform(y, x)]
     except ProjError:
         return False, False
     east_first, north_first = (area.west <= lon <= area.east and area.south <= lat <= area.north for lon, lat in places)
     return east_first, north_first
+
+
+@lru_cache(maxsize=16)
+def _to_degrees(crs: pyproj.CRS) -> pyproj.Transformer:
+    """Looked for once for all tiles of a city."""
+    return pyproj.Transformer.from_crs(crs, pyproj.CRS.from_epsg(4326), always_xy=True)
 
 
 def _facing(solids: Iterable[TriangleMesh]) -> int:
