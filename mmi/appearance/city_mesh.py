@@ -212,10 +212,12 @@ def _walls(prisms: _Prisms, looks: Looks) -> Surfaces:
 
     owner = prisms.owners[prism[wall]]
     style = looks.style[owner]
-    strip_top, strip_bottom = facades.blind_strip(style)
+    plain_u, plain_v = facades.blind_point(style)
+    strip_top, strip_bottom = (plain_v, plain_v) if looks.plain else facades.blind_strip(style)
     v_low = [np.where(blind, strip_bottom, facades.storey_v(style, low_row)) for blind in walls.blind[wall].T]
     v_high = [np.where(blind, strip_top, facades.storey_v(style, high_row)) for blind in walls.blind[wall].T]
     ends, u, base = (walls.a[wall], walls.b[wall]), walls.u[wall], walls.base[wall]
+    u = np.full_like(u, plain_u) if looks.plain else u
     corners = [
         (ends[k], z, u[:, k], v[k], base[:, k])
         for z, v, k in ((low, v_low, 0), (low, v_low, 1), (high, v_high, 1), (high, v_high, 0))

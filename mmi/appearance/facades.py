@@ -24,6 +24,7 @@ __all__ = [
     "STOREY",
     "STYLES",
     "TEXTURE_SIZE",
+    "blind_point",
     "blind_strip",
     "facade_texture",
     "glass_of",
@@ -59,6 +60,12 @@ def storey_v(style: ArrayLike, row: ArrayLike) -> NDArray[np.float64]:
 def blind_strip(style: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """v of the upper and the lower edge of the strip for walls without windows, by index of style (any shape)."""
     return _strip(_BLIND, style)
+
+
+def blind_point(style: ArrayLike) -> tuple[float, NDArray[np.float64]]:
+    """u and v of a point of the strip for walls without windows, by index of style (any shape): one colour for a plain wall."""
+    top, bottom = blind_strip(style)
+    return 0.5, 0.5 * (top + bottom)
 
 
 def roof_strip(style: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -149,11 +149,13 @@ def _painted(triangles: _Triangles, looks: Looks) -> tuple[NDArray[np.float64], 
     wall_v = facades.storey_v(style, np.zeros(len(style)))[:, None] + row_height[:, None] * above / storey[:, None]
     strip_top, strip_bottom = facades.blind_strip(style)
     share = np.clip(above / np.maximum(tall[owners], 1e-9)[:, None], 0.0, 1.0)
-    blind = looks.plain | (np.ptp(metres, axis=1) < _NARROW)[:, None]
+    blind = (np.ptp(metres, axis=1) < _NARROW)[:, None]
     wall_v = np.where(blind, strip_bottom[:, None] + share * (strip_top - strip_bottom)[:, None], wall_v)
     wall = np.stack(
         [metres / (facades.BAYS * facades.BAY) + (looks.bay[owners] / facades.BAYS)[:, None], wall_v], axis=-1
     )
+    if looks.plain:
+        wall[..., 0], wall[..., 1] = facades.blind_point(style[:, None])
 
     flat = np.flatnonzero(~steep)
     by_owner = flat[np.argsort(owners[flat], kind="stable")]

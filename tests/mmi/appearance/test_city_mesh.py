@@ -174,17 +174,13 @@ def test_plain_walls_have_no_windows_and_the_same_shapes_and_roofs():
     assert np.array_equal(painted.colors, plain.colors)
     walls = np.abs(normals(plain)[:, 2]) < 0.5
     assert np.array_equal(painted.uv[painted.triangles[~walls]], plain.uv[plain.triangles[~walls]])
-    texture = plain.texture.astype(float)
     for i in range(len(parts)):
         mine = walls & (np.arange(len(walls)) >= plain.object_triangles[i])
         mine &= np.arange(len(walls)) < plain.object_triangles[i + 1]
-        v = plain.uv[plain.triangles[mine]][..., 1]
-        style = int(np.argmin(np.abs(blind_strip(np.arange(4))[0] - v.min())))
+        (point,) = np.unique(plain.uv[plain.triangles[mine]].reshape(-1, 2), axis=0)
+        style = int(np.argmin(np.abs(np.mean(blind_strip(np.arange(4)), axis=0) - point[1])))
         top, bottom = blind_strip(style)
-        assert v.min() == pytest.approx(top)
-        assert v.max() == pytest.approx(bottom)
-        rows = slice(round(top * len(texture)), round(bottom * len(texture)))
-        assert texture[rows].std(axis=(0, 1)).max() < 0.05 * texture[rows].mean()  # calm
+        assert top < point[1] < bottom  # one colour, that of the wall without windows
 
 
 def test_courtyards_stay_open():
