@@ -23,8 +23,8 @@ from viewer.scene.scene import open_scene
 
 Expect = Callable[[bool, str], None]
 """What is called with whether something holds, and what that is."""
-_LIMIT = 1e7
-"""Metres and pixels that no dataset reaches."""
+_LIMIT = 1e9
+"""Metres and pixels that the schema allows at most."""
 
 
 def seal_again(seeds: dict[str, bytes], changed: dict[str, bytes], rng: Random) -> dict[str, bytes]:
