@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +19,9 @@ from mmi.foundation.errors import CityError
 from mmi.foundation.whole_files import check_size, in_words
 
 __all__ = ["Unpacked", "most_unpacked", "too_large", "unpacked"]
+
+_PIECE = 1 << 20
+"""Bytes that are read at a time."""
 
 
 class Unpacked:
@@ -40,10 +44,12 @@ class Unpacked:
     def read_all(self, most: int) -> bytes:
         """All that is in it, from the start; it raises as ``read`` does, also for more than ``most`` bytes."""
         self._file.seek(0)
-        data = self._file.read(min(most, self._most) + 1)
-        if len(data) > min(most, self._most):
-            raise too_large(self._path, min(most, self._most))
-        return data
+        self._count, whole = 0, io.BytesIO()
+        while data := self.read(_PIECE):  # a file makes room for as much as it is asked for, whether it has it or not
+            whole.write(data)
+            if self._count > most:
+                raise too_large(self._path, most)
+        return whole.getvalue()
 
 
 @contextmanager

@@ -37,7 +37,6 @@ UNDER = degrees(LineString([(2, 8), (6, 9)]))
     [
         ([(HOUSE, {"building": "no", "height": 3}), (ROAD, {})], r"no buildings left; .*; left out: 1 building=no$"),
         ([(HOUSE, {"height": 3, "is_underground": True}), (ROAD, {})], "left out: 1 underground$"),
-        ([(HOUSE, {"height": 3}), (ROAD, {"highway": "no"})], r"no usable line in it; .*; left out: 1 no road \(highway=no\)$"),
         ([(HOUSE, {"height": 3}), (UNDER, {})], "left out: 1 inside buildings$"),
     ],
 )  # fmt: skip

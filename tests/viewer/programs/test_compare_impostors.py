@@ -170,7 +170,7 @@ def test_a_tour_is_saved_and_walked_again(capsys, dataset, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--views", "0"], "at least 1"),
+        (["--views", "0"], "1 to 100000 views expected"),
         (["--views", "x"], "--views"),
         (["--views", "1", "--tour"], "--tour"),
         (["--techniques", "full,magic"], "--techniques.*magic"),

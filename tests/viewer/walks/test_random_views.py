@@ -36,5 +36,5 @@ def test_a_seed_decides(scene):
 def test_no_cells_and_no_views_are_refused(scene):
     with pytest.raises(ParameterError, match="cells"):
         random_views((), 5, seed=1)
-    with pytest.raises(ParameterError, match="at least 1"):
+    with pytest.raises(ParameterError, match="1 to 100000 views"):
         random_views(scene.whereabouts.cells, 0, seed=1)
