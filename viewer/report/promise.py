@@ -95,7 +95,9 @@ def verdict_of(
         if one.displacement_max_px > threshold + _ROUNDING_PX
         or (thickness is not None and one.thickness_px > thickness + _ROUNDING_PX)
     ]
-    if glint or movers:
+    if counted:
+        why = None
+    elif glint or movers:
         why = f"{'windows that mirror the sun' if glint else 'objects that move'} are no part of what is promised"
     elif not promising:
         why = "no cell promises anything"
@@ -108,7 +110,7 @@ def verdict_of(
         "other_views": len(scored) - len(counted),
         "thickness_px": max((one.thickness_px for one in counted), default=None),
         "displacement_px": max((one.displacement_max_px for one in counted), default=None),
-        "why": None if counted else why,
+        "why": why,
     }
     return found | {"line": _verdict_line(found, thickness, threshold)}
 
@@ -117,17 +119,17 @@ def _verdict_line(found: dict[str, Any], thickness: float | None, threshold: flo
     """The verdict in one line."""
     if found["kept"] is None:
         return f"promise not checked: {found['why']}"
-    views = "view" if found["views"] == 1 else "views"
+    views = f"{found['views']:,} {'view' if found['views'] == 1 else 'views'}"
     region = f"worst region {found['thickness_px']:.3g} px "
     if thickness is None:
         region += "(nothing promised on a display that sees farther)"
     else:
         region += f"({'T + 2 =' if math.isclose(thickness, threshold + 2.0) else 'promised'} {thickness:.3g})"
-    text = f"{region}, displacement {found['displacement_px']:.3g} px (T = {threshold:.3g}), "
+    measures = f"{region}, displacement {found['displacement_px']:.3g} px (T = {threshold:.3g})"
     if found["kept"]:
-        text = f"promise kept: {text}{found['views']:,} {views}"
+        text = f"promise kept: {measures}, {views}"
     else:
-        text = f"promise BROKEN in {found['broken']:,} of {found['views']:,} {views}: {text.removesuffix(', ')}"
+        text = f"promise BROKEN in {found['broken']:,} of {views}: {measures}"
     if found["other_views"]:
         text += f"; {found['other_views']:,} more in cells that promise nothing"
     return text
