@@ -181,7 +181,8 @@ def cast_frame(
     directions = directions_of(pixels[chosen], width, rays)
     hits = far.caster.first_hits(rays.eye, directions, nearest=rules.near_field, pixel_angle=1.0 / rays.focal)
     looks, points = cast_pixels(pixels[chosen], width, first_column, directions, hits, rays, far.surfaces)
-    fresh = looks[hits.triangle >= 0]
+    whole = np.dtype(("V", CAST_PIXEL.itemsize))  # copied several times as fast as field by field
+    fresh = looks.view(whole)[hits.triangle >= 0]
     old = again.result()  # before what it shows is overwritten
     if len(chosen):
         store(panorama.record_at(rays.eye), directions, -rays.axes[2], points, looks.view(SAMPLE), panorama.texels)
@@ -199,6 +200,5 @@ def cast_frame(
         unknown=len(left) - known,
         kept_px=kept,
     )
-    whole = np.dtype(("V", CAST_PIXEL.itemsize))  # copied several times as fast as field by field
-    samples = np.concatenate([fresh.view(whole), old.view(whole)]).view(CAST_PIXEL)
+    samples = np.concatenate([fresh, old.view(whole)]).view(CAST_PIXEL)
     return CastPixels(samples, len(fresh)), tally

@@ -35,6 +35,7 @@ TILE = 16
 _WIDEST = 1.0
 """Radians of azimuth that a tile may have to be looked at as a whole."""
 _TURN = 2.0 * math.pi
+_ASIDE, _ABOVE = (0, -1, 0, 1, -1, 1, -1, 0, 1), (0, -1, -1, -1, 0, 0, 1, 1, 1)
 _ROUNDING_PX = 1.0
 """Pixels that a texel may be off besides what the viewer has moved: it may lie half a texel beside, and the pixel too."""
 
@@ -278,7 +279,7 @@ def _each(
     return end, sky
 
 
-@kernel(error_model="numpy", nogil=True)
+@kernel(error_model="numpy", nogil=True, inline="always")
 def _off(
     texel: Any,  # noqa: ANN401  a record of the map, as Numba has it
     dx: float,
@@ -322,30 +323,35 @@ def _best(
 
     It is looked for at ``column`` and ``row``, where the direction goes to, around there, and where what is found would be.
     """
-    columns, rows, step = texels.columns, texels.rows, texels.step
+    known, columns, rows, step = texels.map, texels.columns, texels.rows, texels.step
     best, least, near = -1, np.inf, step * step
     tx, ty, tz = dx, dy, dz
     for correction in range(_CORRECTIONS + 1):
         met = -1
-        for k in range(10):  # the texel itself, then those around it
+        for k in range(9):  # the texel itself, then those around it
             if k > 0 and met >= 0 and least <= near:
                 break
-            c, r = column, row
-            if k > 0:
-                c, r = column + (k - 1) % 3 - 1, row + (k - 1) // 3 - 1
+            c, r = column + _ASIDE[k], row + _ABOVE[k]
             if r < 0 or r >= rows:
                 continue
-            place = r * columns + c % columns
-            off = _off(texels.map[place], dx, dy, dz, eye, record_error, near_objects, is_open)
+            if c < 0:
+                c += columns
+            elif c >= columns:
+                c -= columns
+            place = r * columns + c
+            off = _off(known[place], dx, dy, dz, eye, record_error, near_objects, is_open)
             if off < least:
                 best, least, met = place, off, place
         if met < 0 or least <= near or correction == _CORRECTIONS:
             break
-        texel = texels.map[met]
+        texel = known[met]
         if texel.object < 0:
             break
         px, py, pz = texel.x - eye[0], texel.y - eye[1], texel.z - eye[2]
         size = math.sqrt(px * px + py * py + pz * pz)
         tx, ty, tz = tx + dx - px / size, ty + dy - py / size, tz + dz - pz / size
+        before = column, row
         column, row = texel_of(tx, ty, tz, columns, rows, step)
+        if (column, row) == before:
+            break
     return best, least
