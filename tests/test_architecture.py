@@ -35,7 +35,7 @@ FLOORS = {
     "viewer": (
         "plan walks",
         "scene",
-        "cells casting",
+        "cells casting caching",
         "techniques",
         "drawing",
         "measuring runtime",
