@@ -3,7 +3,8 @@
     Technique.plan(view, now, budget) -> Plan
     Plan    = what must be in memory, what to capture into images first, what to draw then, perhaps over what was drawn before
     Request = draws into an image that stays on the GPU under its key; orders: all are executed, in order, before any draw
-    Draw    = Sky | Ground | Objects | CellLayers | Relief | Moving | CastPixels    (closed; ``viewer.drawing.renderer``)
+    Draw    = Sky | Ground | Objects | Faces | CellLayers | Relief | Nailboards | Moving | CastPixels
+              (closed; ``viewer.drawing.renderer``)
     finish  = what a plan does once it knows the depths of what was drawn: it returns further draws
 
 Techniques, walks and the choice of what to load and to capture are plain Python and run without OpenGL. A technique knows
@@ -33,10 +34,12 @@ __all__ = [
     "Costs",
     "Done",
     "Draw",
+    "Faces",
     "Finish",
     "Ground",
     "ImageKey",
     "Moving",
+    "Nailboards",
     "Objects",
     "Plan",
     "Relief",
@@ -103,6 +106,18 @@ class Objects:
     objects: NDArray[np.int64]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Faces:
+    """Geometry of some ``triangles`` (n,) of the city's mesh, by their numbers, whatever objects they belong to.
+
+    ``key`` names the set as that of :class:`Objects` does. Of what is outside of the box ``clip`` (2, 3) nothing is drawn.
+    """
+
+    key: str
+    triangles: NDArray[np.int32]
+    clip: NDArray[np.float64] | None = None
+
+
 @dataclass(frozen=True, slots=True)
 class CellLayers:
     """Impostor layers of a cell: ``names`` as in the dataset (``s0.l2``), in drawing order."""
@@ -165,6 +180,31 @@ class Relief:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Nailboards:
+    """n parts of a captured image, each on a quadrilateral across the axis along which it was captured, with depth.
+
+    A pixel has the depth of the surface point that its texel captured, so that what several boards show is in the right order
+    (Schaufler 1997, "Nailboards"); where it appears is decided by the quadrilateral alone, which takes two triangles.
+    ``captures`` (n, 4, 4) are eye_from_world of what was captured, ``windows`` (n, 4) of that image plane at ``focal`` are at
+    ``corners`` (n, 2) of the image, ``depths`` (n,) metres along the axis is where the quadrilaterals stand, and ``fresh`` (n,)
+    says which were captured in this frame.
+    """
+
+    image: ImageKey
+    focal: float
+    captures: NDArray[np.float64]
+    windows: NDArray[np.int64]
+    corners: NDArray[np.int64]
+    depths: NDArray[np.float64]
+    fresh: NDArray[np.bool_]
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of all parts, as they were captured."""
+        return int(self.windows[:, 2:].prod(axis=1).sum())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Moving:
     """Geometry of some of the objects that move: ``which`` (k,) of them, with ``poses`` (k, 4, 4), world from object.
 
@@ -188,7 +228,7 @@ class CastPixels:
     fresh: int = 0
 
 
-Draw = Sky | Ground | Objects | CellLayers | Relief | Moving | CastPixels
+Draw = Sky | Ground | Objects | Faces | CellLayers | Relief | Nailboards | Moving | CastPixels
 """What a plan is made of: a closed union, of which the renderer draws each kind."""
 
 
@@ -348,6 +388,11 @@ def _told_draw(draw: Draw) -> object:
     match draw:
         case Objects():
             return "objects", draw.key or draw.objects.tobytes()
+        case Faces():
+            return "faces", draw.key or draw.triangles.tobytes(), _told_array(draw.clip)
+        case Nailboards():
+            told = (draw.captures, draw.windows, draw.corners, draw.depths, draw.fresh)
+            return "nailboards", draw.image, draw.focal, [one.tobytes() for one in told]
         case Relief():
             parts = [
                 (_told_view(one.view), one.corner, one.filling, _told_array(one.moved), _told_array(one.spans))

@@ -30,6 +30,7 @@ from viewer.drawing.kinds.layers import LayersDrawer
 from viewer.drawing.kinds.lines import LineProgram
 from viewer.drawing.kinds.meshes import MeshProgram
 from viewer.drawing.kinds.moving import MovingDrawer
+from viewer.drawing.kinds.nailboards import NailboardsDrawer
 from viewer.drawing.kinds.objects import ObjectsDrawer
 from viewer.drawing.kinds.reliefs import ReliefsDrawer
 from viewer.drawing.kinds.sky import SkyDrawer
@@ -44,10 +45,12 @@ from viewer.plan import (
     CellLayers,
     Done,
     Draw,
+    Faces,
     Finish,
     Ground,
     ImageKey,
     Moving,
+    Nailboards,
     Objects,
     Plan,
     Relief,
@@ -123,9 +126,10 @@ class Renderer:
         of_objects = meshes
         if glint or mesh.has_cut_outs:
             of_objects = MeshProgram.made_by(self._programs, glint=glint, cut_outs=mesh.has_cut_outs)
-        self._objects = ObjectsDrawer(context, of_objects, mesh)
+        self._objects = ObjectsDrawer(self._programs, of_objects, mesh)
         self._layers = LayersDrawer(self._programs, self._images, measured=measured)
         self._reliefs = ReliefsDrawer(self._programs, self._images)
+        self._nailboards = NailboardsDrawer(self._programs, self._images)
         self._cast = CastPixelsDrawer(self._programs, self._objects.texture)
         self._moving = MovingDrawer(
             self._programs, NOTHING_MOVES if movers is None else movers, first=len(mesh.triangle_counts)
@@ -237,11 +241,12 @@ class Renderer:
     def prepare(self, plan: Plan, view: View) -> float:
         """Make what drawing ``plan`` for the first time makes, sets of objects for instance; the seconds that took.
 
-        What it draws, on the screen or into images, is drawn once for nothing; only reliefs are not, which need their images.
+        What it draws, on the screen or into images, is drawn once for nothing; only reliefs and nailboards are not, which need
+        their images.
         Raises what :meth:`draw` does.
         """
         draws = (*plan.draws, *(draw for request in plan.requests for draw in request.draws))
-        some = tuple(draw for draw in draws if not isinstance(draw, Relief))
+        some = tuple(draw for draw in draws if not isinstance(draw, Relief | Nailboards))
         return self.draw(Plan(some), view, read=False).seconds
 
     def execute(self, plan: Plan) -> Work:
@@ -340,6 +345,11 @@ class Renderer:
                 return self._ground.draw(draw, measured=measured)
             case Objects():
                 return self._objects.draw(draw, measured=measured)
+            case Faces():
+                return self._objects.draw_faces(draw, view, measured=measured)
+            case Nailboards():
+                inks_of = (CAPTURED, REUSED) if style.tint else None
+                return self._nailboards.draw(draw, view, measured=measured, inks=inks_of)
             case CellLayers():
                 return self._layers.draw(draw, view, measured=measured, tint=style.tint)
             case Relief() if style.tint:
@@ -375,8 +385,8 @@ class Renderer:
 
 
 def _relief(draws: Sequence[Draw]) -> int:
-    """Pixels of the reliefs among some draws."""
-    return sum(draw.pixels for draw in draws if isinstance(draw, Relief))
+    """Pixels of captured images among some draws."""
+    return sum(draw.pixels for draw in draws if isinstance(draw, Relief | Nailboards))
 
 
 def gpu_seconds(nanoseconds: int, *, seconds: float, device: str) -> float | None:

@@ -25,7 +25,7 @@ from mmi.programs.command_line import (
     size_option,
 )
 from viewer.programs.comparison_told import print_comparison
-from viewer.programs.technique_arguments import add_cast_arguments, cast_rules
+from viewer.programs.technique_arguments import add_cache_arguments, add_cast_arguments, cache_rules, cast_rules
 
 if TYPE_CHECKING:
     from mmi.city.model import City
@@ -170,6 +170,7 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         "--video", nargs="?", const="mp4", choices=("mp4", "webp"), help="film the walk, techniques side by side"
     )
     add_cast_arguments(parser)
+    add_cache_arguments(parser)
     movers = parser.add_argument_group("what moves")
     movers.add_argument(
         "--movers",
@@ -256,12 +257,13 @@ def _compare(options: argparse.Namespace) -> None:
     from viewer.walks.tour import tour
 
     techniques = tuple(_techniques(options.techniques, of_city=city_of is not None))
-    rays = cast_rules(options, techniques)
+    rays, images = cast_rules(options, techniques), cache_rules(options, techniques)
     moving = NOTHING_MOVES if options.movers is None else read_movers(options.movers)
     try:
         chosen = CompareOptions(
             techniques=techniques,
             rays=rays,
+            images=images,
             frames_per_second=options.fps,
             settle=1 if options.settle is None else options.settle,
             budget_ms=options.budget_ms,

@@ -50,6 +50,7 @@ def print_comparison(report: dict[str, Any], out: Path) -> None:
     _print_promise(report["source"], talk)
     _print_settling(report, talk)
     _print_rays(report, talk)
+    _print_boxes(report, talk)
     _print_movers(report, talk)
     talk.print(one_line(str(out / "report.html")), soft_wrap=True)
     if report["verdict"] is not None:
@@ -113,6 +114,21 @@ def _print_rays(report: dict[str, Any], talk: Console) -> None:
             + (f", {late:.2f} % without the ray that they need" if late else "")
             + f"; {one['cast']:.0f} rays; what was shown again was off by {one['kept_px']:.1f} px at most"
             + (" (a bound)" if one["reuse"] == "bound" else " (where its own surface is)"),
+            soft_wrap=True,
+        )
+
+
+def _print_boxes(report: dict[str, Any], talk: Console) -> None:
+    """What boxes were, where a technique caches images of them."""
+    for name, entry in report["techniques"].items():
+        one = entry["boxes"]
+        if one is None:
+            continue
+        late = f", {one['late']:.1f} late" if one["late"] else ""
+        talk.print(
+            f"\n{name}, boxes of a frame: {one['new']:.1f} new images, {one['combined']:.1f} combined, "
+            f"{one['reused']:.1f} kept{late}, {one['impossible']:.1f} as geometry; "
+            f"what was shown was off by {one['kept_px']:.2f} px at most (a bound); {one['bytes'] / 1e6:.0f} MB of images",
             soft_wrap=True,
         )
 

@@ -3,23 +3,35 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.processes import usable_cores
 
 if TYPE_CHECKING:
+    from viewer.caching.rules import CacheRules
     from viewer.casting.rules import CastRules
 
-__all__ = ["add_cast_arguments", "cast_rules"]
+__all__ = ["add_cache_arguments", "add_cast_arguments", "cache_rules", "cast_rules"]
 
-_CAST = "ray-cast"
+_CAST, _CACHE = "ray-cast", "image-cache"
 _OPTIONS = MappingProxyType(
     {"near_field": "near-field", "limit_px": "reuse-error", "reuse": "reuse", "rays": "rays", "caster": "caster"}
 )
 """Fields of the rules, and their options."""
+_CACHE_OPTIONS = MappingProxyType(
+    {
+        "keep": "cached",
+        "error_px": "cache-error",
+        "leaf_triangles": "leaf-triangles",
+        "depth": "depth",
+        "bytes": "cache-bytes",
+        "eager": "eager",
+    }
+)
 
 
 def add_cast_arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,11 +73,78 @@ def cast_rules(options: argparse.Namespace, techniques: Collection[str]) -> Cast
     """
     from viewer.casting.rules import CastRules
 
-    given = {name: getattr(options, name) for name in _OPTIONS if getattr(options, name) is not None}
-    if given and _CAST not in techniques:
-        raise ParameterError(f"--{_OPTIONS[next(iter(given))]}: {_CAST} among --techniques expected")
-    try:
+    given = _given(options, _OPTIONS, _CAST, techniques)
+    with _by_option(_OPTIONS):
         return CastRules(**given, workers=usable_cores())
+
+
+def add_cache_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the image cache."""
+    group = parser.add_argument_group("images of boxes (the technique image-cache)")
+    group.add_argument(
+        "--cached",
+        dest="keep",
+        choices=("sphere", "frustum"),
+        help="keep images up to date all around the viewer, so that turning needs no new ones (default), or only in view",
+    )
+    group.add_argument(
+        "--cache-error",
+        dest="error_px",
+        type=float,
+        metavar="PX",
+        help="an image is shown while no point of it is off by more than so many of the display's smallest pixels (default: 1)",
+    )
+    group.add_argument(
+        "--leaf-triangles",
+        type=int,
+        metavar="N",
+        help="boxes of so many triangles or fewer are not divided (default: 1000)",
+    )
+    group.add_argument(
+        "--depth", type=int, metavar="N", help="levels of boxes below the first (default: as many as it takes)"
+    )
+    group.add_argument(
+        "--cache-bytes",
+        dest="bytes",
+        type=int,
+        metavar="N",
+        help="bytes that all images may take together; the least recently shown give way (default: 268435456)",
+    )
+    group.add_argument(
+        "--eager",
+        action="store_const",
+        const=True,
+        help="make an image of every box that can be one, as the paper does, not only where that is predicted to save time",
+    )
+
+
+def cache_rules(options: argparse.Namespace, techniques: Collection[str]) -> CacheRules:
+    """The rules that the options say.
+
+    Raises ParameterError for what has no meaning, and for options of boxes where none of ``techniques`` has any.
+    """
+    from viewer.caching.rules import CacheRules
+
+    given = _given(options, _CACHE_OPTIONS, _CACHE, techniques)
+    with _by_option(_CACHE_OPTIONS):
+        return CacheRules(**given)
+
+
+def _given(
+    options: argparse.Namespace, names: Mapping[str, str], technique: str, techniques: Collection[str]
+) -> dict[str, Any]:
+    """The fields of rules that the user has said something of."""
+    given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+    if given and technique not in techniques:
+        raise ParameterError(f"--{names[next(iter(given))]}: {technique} among --techniques expected")
+    return given
+
+
+@contextmanager
+def _by_option(names: Mapping[str, str]) -> Iterator[None]:
+    """Within it, fields of rules that are refused are told by their options."""
+    try:
+        yield
     except ParameterError as error:
         name, colon, rest = str(error).partition(":")
-        raise ParameterError(f"--{_OPTIONS.get(name, name)}{colon}{rest}") from None
+        raise ParameterError(f"--{names.get(name, name)}{colon}{rest}") from None

@@ -35,7 +35,9 @@ from viewer.measuring.summary import settling_summary
 from viewer.plan import Budget
 from viewer.report.baseline import single_mesh_scene
 from viewer.report.entries import (
+    boxes_of,
     by_technique,
+    cached_of,
     casts_of,
     frame_series,
     loading_of,
@@ -56,6 +58,7 @@ from viewer.runtime.calibration import calibrated
 from viewer.runtime.loop import Frame, FrameLoop, FrameTimes, run_walk
 from viewer.scene.scene import WalkScene, open_scene, scene_of_city
 from viewer.techniques.catalogue import MAIN, REFERENCE, make_technique, refuse_without_dataset
+from viewer.techniques.image_cache import CacheTally
 from viewer.techniques.virtual_frames import FrameTally
 from viewer.walks.random_views import random_views
 
@@ -95,6 +98,7 @@ def compare_views(
     layers: list[int] | None = None if main.built is None else []
     tallies: dict[str, list[FrameTally]] = {entry.name: [] for entry in options.entries}
     casts: dict[str, list[CastTally]] = {entry.name: [] for entry in options.entries}
+    boxes: dict[str, list[CacheTally]] = {entry.name: [] for entry in options.entries}
     with (
         Renderer(
             main.mesh, main.ground, size=size, samples=options.samples, movers=main.movers, glint=options.glint
@@ -110,7 +114,12 @@ def compare_views(
                 layers.append(layers_shown(make_technique(MAIN, scenes).plan(view, now=0.0, budget=Budget())))
             for entry in options.entries:
                 technique = make_technique(
-                    entry, scenes, rays=options.rays, frames=options.mover_frames, at=options.movers_time
+                    entry,
+                    scenes,
+                    rays=options.rays,
+                    images=options.images,
+                    frames=options.mover_frames,
+                    at=options.movers_time,
                 )
                 found = hold_view(
                     technique,
@@ -125,6 +134,7 @@ def compare_views(
                 costs[entry.name] = found.costs
                 tallies[entry.name] += tallies_of(technique)
                 casts[entry.name] += casts_of(technique)
+                boxes[entry.name] += boxes_of(technique)
                 settled[entry.name].append(settled_frames(technique, renderer, cache, view, found))
                 held[entry.name].append(replace(found, plans=()))  # which may hold on to all that a technique has seen
     compared = [entry for entry in options.entries if entry.name != REFERENCE]
@@ -140,7 +150,12 @@ def compare_views(
             truth = judge.truth(reference.plan(view, now=0.0, budget=Budget()), pose, cell)
             for entry in compared:
                 technique = make_technique(
-                    entry, scenes, rays=options.rays, frames=options.mover_frames, at=options.movers_time
+                    entry,
+                    scenes,
+                    rays=options.rays,
+                    images=options.images,
+                    frames=options.mover_frames,
+                    at=options.movers_time,
                 )
                 with held_again(technique, renderer, cache, view, held[entry.name][done]) as plans:
                     held_longer = options.settle > 1  # otherwise nobody is told after how many frames
@@ -166,6 +181,7 @@ def compare_views(
             else None,
             movers=movers_of(tallies[entry.name]),
             rays=rays_of(casts[entry.name], main, options.rays),
+            boxes=cached_of(boxes[entry.name], options.images),
         )
         for entry in options.entries
     }
@@ -205,6 +221,7 @@ def compare_walk(
     loads: dict[str, CacheReport] = {}
     tallies: dict[str, list[FrameTally]] = {}
     casts: dict[str, list[CastTally]] = {}
+    boxes: dict[str, list[CacheTally]] = {}
     size = (main.camera.width, main.camera.height)
     with Renderer(main.mesh, main.ground, size=size, samples=options.samples, movers=main.movers) as renderer:
         device = renderer.device
@@ -217,7 +234,9 @@ def compare_walk(
             ) as renderer,
             cell_cache(scenes, renderer, capacity=options.cache) as cache,
         ):
-            technique = make_technique(entry, scenes, fade=options.fade, rays=options.rays, frames=options.mover_frames)
+            technique = make_technique(
+                entry, scenes, fade=options.fade, rays=options.rays, images=options.images, frames=options.mover_frames
+            )
             loop = FrameLoop(
                 technique,
                 renderer,
@@ -231,6 +250,7 @@ def compare_walk(
             loads[entry.name] = cache.report
             tallies[entry.name] = tallies_of(technique)
             casts[entry.name] = casts_of(technique)
+            boxes[entry.name] = boxes_of(technique)
     tell(frames, frames, "frames timed")
 
     found = score_walk(main, scenes, steps, runs, out, options, tell)
@@ -250,6 +270,7 @@ def compare_walk(
             loading=loading_of(loads[entry.name], runs[entry.name]) if entry.layered else None,
             movers=movers_of(tallies[entry.name]),
             rays=rays_of(casts[entry.name], main, options.rays),
+            boxes=cached_of(boxes[entry.name], options.images),
         )
         for entry in options.entries
     }

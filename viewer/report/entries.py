@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from viewer.caching.rules import CacheRules
 from viewer.casting.frame import CastTally
 from viewer.casting.rules import CastRules
 from viewer.cells.cell_cache import CacheReport
@@ -22,12 +23,15 @@ from viewer.report.promise import display_of, source_of, verdict_of
 from viewer.runtime.loop import FrameTimes
 from viewer.scene.scene import WalkScene
 from viewer.techniques.catalogue import MAIN, REFERENCE, TechniqueEntry
+from viewer.techniques.image_cache import CacheTally, ImageCache
 from viewer.techniques.ray_cast import RayCasting, limit_px
 from viewer.techniques.virtual_frames import FrameTally
 from viewer.techniques.with_movers import WithMovers
 
 __all__ = [
+    "boxes_of",
     "by_technique",
+    "cached_of",
     "casts_of",
     "frame_series",
     "gpu_times",
@@ -63,7 +67,7 @@ def report_of(
     verdict = verdict_of(scene, scores.get(MAIN), glint=options.glint, movers=bool(scene.movers.ids))
     rate = {name: 1.0 / max(one["frame_ms"]["p50"], 1e-9) for name, one in techniques.items()}
     return {
-        "format_version": 5,
+        "format_version": 6,
         "program": "compare-impostors",
         "source": source_of(scene),
         "verdict": verdict,
@@ -100,6 +104,7 @@ def technique_of(
     loading: dict[str, Any] | None = None,
     movers: dict[str, Any] | None = None,
     rays: dict[str, Any] | None = None,
+    boxes: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """What the report says of a technique: its ``scored`` views, None for the reference, which nothing is wrong with.
 
@@ -121,6 +126,7 @@ def technique_of(
         "loading": loading,
         "movers": movers,
         "rays": rays,
+        "boxes": boxes,
     }
 
 
@@ -167,6 +173,32 @@ def rays_of(tallies: Sequence[CastTally], scene: WalkScene, rules: CastRules) ->
         "cast": sum_.rays / frames,
         **{f"{name}_share": count / pixels for name, count in counts.items()},
         "kept_px": kept,
+    }
+
+
+def boxes_of(technique: Technique) -> list[CacheTally]:
+    """What boxes were of a technique that caches images of them."""
+    inner = technique.technique if isinstance(technique, WithMovers) else technique
+    return [inner.tally] if isinstance(inner, ImageCache) else []
+
+
+def cached_of(tallies: Sequence[CacheTally], rules: CacheRules) -> dict[str, Any] | None:
+    """What boxes were over all ``tallies``, a frame, and by which rules; None where there are none."""
+    if not tallies:
+        return None
+    sum_ = CacheTally()
+    for one in tallies:
+        sum_ = sum_.plus(one)
+    counts = sum_._asdict()
+    frames, kept, most = max(counts.pop("frames"), 1), counts.pop("kept_px"), counts.pop("bytes")
+    return {
+        "keep": rules.keep,
+        "error_px": rules.error_px,
+        "leaf_triangles": rules.leaf_triangles,
+        "most_bytes": rules.bytes,
+        **{name: count / frames for name, count in counts.items()},
+        "kept_px": kept,
+        "bytes": most,
     }
 
 

@@ -12,6 +12,7 @@ from mmi.foundation.errors import ParameterError
 from mmi.foundation.plug_ins import PlugIn
 from mmi.movers.movers import NOTHING_MOVES, Movers
 from mmi.planning.parameters import BuildParameters
+from viewer.caching.rules import CacheRules
 from viewer.casting.rules import CastRules
 from viewer.techniques.catalogue import TECHNIQUES, TechniqueEntry, find_technique
 from viewer.techniques.virtual_frames import FrameRules
@@ -39,9 +40,9 @@ class CompareOptions:
     which each random view is held, the last of which is scored; ``budget_ms`` milliseconds of a frame that updates may take at
     most: infinity leaves them what the frame leaves, 0 forbids them; ``movers`` is what moves in the city, which layered
     techniques show by the rules of ``mover_frames``; in random views it stands as it is at ``movers_time`` seconds. ``glint``:
-    windows of painted facades mirror the sun. ``rays`` is how rays are cast. ``camera`` is the display that is compared on;
-    None: the one that the dataset was built for, or for a city 512 x 512 pixels and 60 degrees. Objects of a city longer than
-    ``longest_object`` metres are cut, as builds cut them; None cuts none.
+    windows of painted facades mirror the sun. ``rays`` is how rays are cast, ``images`` how those of boxes are kept. ``camera``
+    is the display that is compared on; None: the one that the dataset was built for, or for a city 512 x 512 pixels and 60
+    degrees. Objects of a city longer than ``longest_object`` metres are cut, as builds cut them; None cuts none.
     """
 
     techniques: tuple[str | Callable[..., Any] | PlugIn, ...] = _USUAL
@@ -61,6 +62,7 @@ class CompareOptions:
     movers_time: float = 0.0
     glint: bool = False
     rays: CastRules = field(default_factory=CastRules)
+    images: CacheRules = field(default_factory=CacheRules)
     camera: Camera | None = None
     longest_object: float | None = BuildParameters().longest_object
     entries: tuple[TechniqueEntry, ...] = field(init=False, repr=False, compare=False)

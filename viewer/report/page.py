@@ -22,7 +22,20 @@ from mmi.foundation.json_forms import readable_json
 from mmi.foundation.whole_files import write_whole
 from mmi.inspection.figures import counted, encoded
 from viewer.report.plots import distributions, errors_along_walk, frame_times, settling
-from viewer.report.tables import LIKENESS, LOADING, MOVERS, RAYS, TIMES, UPDATES, WRONG, glossary, key, plain, table
+from viewer.report.tables import (
+    BOXES,
+    LIKENESS,
+    LOADING,
+    MOVERS,
+    RAYS,
+    TIMES,
+    UPDATES,
+    WRONG,
+    glossary,
+    key,
+    plain,
+    table,
+)
 
 __all__ = ["write_report"]
 
@@ -112,8 +125,9 @@ def _page(report: Mapping[str, Any], folder: Path) -> str:
         table(report, TIMES),
         table(report, LOADING),
         table(report, RAYS),
+        table(report, BOXES),
         table(report, MOVERS),
-        glossary(report, (*LOADING, *RAYS, *MOVERS)),
+        glossary(report, (*LOADING, *RAYS, *BOXES, *MOVERS)),
         f"<p>{_times(report) if held else ''}Times depend on the machine and on what else it does; ratios within this run do "
         "so less.</p>",
         *(["<h2>Plots</h2>", *plots] if plots else []),

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from viewer.report.plots import technique_color
 
 __all__ = [
+    "BOXES",
     "LIKENESS",
     "LOADING",
     "MOVERS",
@@ -121,6 +122,15 @@ RAYS = (
     Column("rays", "a frame", ("rays", "cast")),
     Column("rays", "kept error, px", ("rays", "kept_px")),
 )
+BOXES = (
+    Column("boxes a frame, as", "images, new", ("boxes", "new")),
+    Column("boxes a frame, as", "images, combined", ("boxes", "combined")),
+    Column("boxes a frame, as", "images, kept", ("boxes", "reused")),
+    Column("boxes a frame, as", "geometry", ("boxes", "impossible")),
+    Column("images of boxes", "late", ("boxes", "late")),
+    Column("images of boxes", "kept error, px", ("boxes", "kept_px")),
+    Column("images of boxes", "MB", ("boxes", "bytes"), "megabytes"),
+)
 _TERMS = (
     (
         "wrong",
@@ -205,6 +215,14 @@ _TERMS = (
         "What is near covers a pixel; or it is above the horizon of all that is far; or it shows what was cast before; or a "
         "ray is cast. Late pixels show what may be off by more than it should, unknown ones nothing, for want of rays. The "
         "kept error is the largest with which something was shown again.",
+    ),
+    (
+        "boxes a frame, as",
+        "boxes",
+        "Boxes around the viewer that hold the whole city once: means over frames. Images are captured from geometry (new) or "
+        "from images of boxes within (combined), or shown as they were captured before (kept). A late one was shown though it "
+        "was not valid, for want of time. The kept error is the largest that a point of a shown image may have, in pixels of "
+        "the display's border.",
     ),
 )
 """The group of columns, the term, and what it means."""

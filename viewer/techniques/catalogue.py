@@ -5,6 +5,7 @@ single-mesh               the same city and parameters, one layer a view; built 
 multi-mesh                the dataset that is compared                      (viewer.techniques.layered)
 multi-mesh-dynamic        the same, layers captured again while time allows (viewer.techniques.dynamic)
 ray-cast                  near geometry, and rays for the rest              (viewer.techniques.ray_cast)
+image-cache               images of boxes that hold everything              (viewer.techniques.image_cache)
 
 A technique of one's own needs no entry here: ``package.module:function`` names a function that is called with the scene of the
 dataset that is compared and returns a technique (:mod:`mmi.foundation.plug_ins`).
@@ -20,11 +21,13 @@ from typing import Any
 from mmi.foundation.camera import View
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.plug_ins import PlugIn, names_plug_in, own_mistakes, plug_in
+from viewer.caching.rules import CacheRules
 from viewer.casting.rules import CastRules
 from viewer.plan import Budget, Plan, Technique
 from viewer.scene.scene import WalkScene
 from viewer.techniques.dynamic import DynamicImpostors
 from viewer.techniques.geometry import CellGeometry, FullGeometry
+from viewer.techniques.image_cache import ImageCache, tree_of
 from viewer.techniques.layered import LayeredImpostors
 from viewer.techniques.ray_cast import RayCasting
 from viewer.techniques.virtual_frames import FrameRules
@@ -49,10 +52,13 @@ REFERENCE = "full"
 
 @dataclass(frozen=True, slots=True)
 class TechniqueRules:
-    """What a user says of techniques: ``fade``, seconds of a cross-fade at changes of cells, and how ``rays`` are cast."""
+    """What a user says of techniques: ``fade``, seconds of a cross-fade at changes of cells, how ``rays`` are cast, and how
+    ``images`` of boxes are kept.
+    """
 
     fade: float = 0.0
     rays: CastRules = field(default_factory=CastRules)
+    images: CacheRules = field(default_factory=CacheRules)
 
 
 _Make = Callable[[WalkScene, TechniqueRules], Technique]
@@ -105,6 +111,11 @@ TECHNIQUES: Mapping[str, TechniqueEntry] = MappingProxyType(
                 "ray-cast",
                 lambda scene, rules: RayCasting(scene, rules.rays),
                 prepare=lambda scene, rules: RayCasting(scene, rules.rays),
+            ),
+            TechniqueEntry(
+                "image-cache",
+                lambda scene, rules: ImageCache(scene, rules.images),
+                prepare=lambda scene, rules: tree_of(scene, rules.images),
             ),
         )
     }
@@ -185,21 +196,23 @@ def make_technique(
     *,
     fade: float = 0.0,
     rays: CastRules | None = None,
+    images: CacheRules | None = None,
     frames: FrameRules | None = None,
     at: float | None = None,
     owner: str | None = None,
 ) -> Technique:
     """A fresh technique, which knows of no viewer yet. ``scenes``: ``multi-mesh``, and ``single-mesh`` where that is asked for.
 
-    ``fade`` seconds of a cross-fade at changes of cells, ``rays`` how they are cast. It also draws what moves in its scene, as
+    ``fade`` seconds of a cross-fade at changes of cells, ``rays`` how they are cast, ``images`` how those of boxes
+    are kept. It also draws what moves in its scene, as
     it is ``at`` a time (seconds; None: as time goes by): layered techniques by the rules of ``frames``, all others as geometry.
     All but the reference leave out what buildings hide of it. Where several viewers are drawn by one renderer, the images that
     are captured for this one are those of ``owner``. Raises ParameterError for what :func:`find_technique` refuses.
     """
     entry = find_technique(of)
     scene = scenes[entry.scene]
-    made = entry.make(scene, TechniqueRules(fade, rays or CastRules()))
-    if owner is not None and isinstance(made, DynamicImpostors):
+    made = entry.make(scene, TechniqueRules(fade, rays or CastRules(), images or CacheRules()))
+    if owner is not None and isinstance(made, DynamicImpostors | ImageCache):
         made.owner = owner
     if not scene.movers.ids:
         return made

@@ -25,9 +25,9 @@ from mmi.movers.movers import Movers
 from mmi.validity.images import Relief as Depths
 from mmi.validity.images import error_angle, safe_distance
 from mmi.validity.movement import frames_at_equal_steps, relative_viewpoint
+from viewer.caching.slots import Place, Slots
 from viewer.plan import Budget, Draw, ImageKey, Moving, Relief, ReliefPart, Request, Slot
 from viewer.scene.movers_seen import SeenMovers
-from viewer.techniques.slots import Place, Slots
 
 __all__ = ["CALCULATIONS", "LARGEST", "Chosen", "FrameRules", "FrameTally", "VirtualFrames"]
 
@@ -266,13 +266,13 @@ class VirtualFrames:
         """A place for a picture of this object, perhaps that of one which is not shown now; None where there is none."""
         if one in self._pictures:
             self._forget(one)
-        place = self._slots.take(needed)
+        place = self._slots.take(needed, needed)
         if place is not None:
             return place
         idle = [other for other in self._pictures if self._shown[other] < self._frame - 1]
         for other in sorted(idle, key=lambda other: (self._shown[other], other)):
             self._forget(other)
-            place = self._slots.take(needed)
+            place = self._slots.take(needed, needed)
             if place is not None:
                 return place
         return None
@@ -297,7 +297,7 @@ class VirtualFrames:
             part = ReliefPart(
                 picture.view, picture.place.corner, picture.filling, None if picture.frame == self._frame else way
             )
-            parts.setdefault(picture.place.side, []).append(part)
+            parts.setdefault(picture.place.size[0], []).append(part)
         return tuple(Relief(self._image, tuple(parts[side])) for side in sorted(parts, reverse=True))
 
     def _count(self, geometry: int, captured: int, reused: int) -> None:

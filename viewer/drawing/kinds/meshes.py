@@ -3,6 +3,8 @@
 With ``CUT_OUTS``, where a mesh has any, what is clear (``mmi.appearance.cut_outs``) is not drawn. Triangles whose part of the
 texture has no clear texel are told from others, or from afar what lies beside it would cut holes into them.
 
+With ``CLIPPED``, nothing is drawn outside of a box.
+
 With ``GLINT``, panes of painted facades mirror a low sun: what a pixel shows depends on the eye, as nothing else here does. A
 mirror on an upright wall shows the sun at the height at which it stands, so that one above the roofs would be seen in the
 uppermost windows of near houses only.
@@ -53,7 +55,16 @@ out vec2 at; out vec3 tint; flat out int which; out float depth;
 #ifdef GLINT
 out vec3 ray;          // from the eye, in the city's frame
 #endif
+#ifdef CLIPPED
+uniform vec3 low, high;  // the box, from the eye
+out float gl_ClipDistance[6];
+#endif
 void main() {
+#ifdef CLIPPED
+    vec3 above = position - eye - low, below = high - (position - eye);
+    gl_ClipDistance[0] = above.x; gl_ClipDistance[1] = above.y; gl_ClipDistance[2] = above.z;
+    gl_ClipDistance[3] = below.x; gl_ClipDistance[4] = below.y; gl_ClipDistance[5] = below.z;
+#endif
 #ifdef GLINT
     ray = position - eye;
 #endif
@@ -134,9 +145,12 @@ class MeshProgram:
     cut_outs: bool
 
     @classmethod
-    def made_by(cls, programs: Programs, *, glint: bool = False, cut_outs: bool = False) -> MeshProgram:
-        """Compile the program."""
-        flags = [flag for flag, wanted in (("GLINT", glint), ("CUT_OUTS", cut_outs)) if wanted]
+    def made_by(
+        cls, programs: Programs, *, glint: bool = False, cut_outs: bool = False, clipped: bool = False
+    ) -> MeshProgram:
+        """Compile the program; a ``clipped`` one draws what is between its uniforms ``low`` and ``high``."""
+        wanted = (("GLINT", glint), ("CUT_OUTS", cut_outs), ("CLIPPED", clipped))
+        flags = [flag for flag, one in wanted if one]
         made = programs.make(_VERTEX, _FRAGMENT, flags=flags)
         along = SUN[:2] / np.linalg.norm(SUN[:2]) * math.cos(_GLINT_HEIGHT)
         low_sun = np.array([*along, math.sin(_GLINT_HEIGHT)], dtype="<f4")
@@ -175,7 +189,28 @@ class DrawnMesh:
         """Draw some ``objects`` (n,) of the mesh. The same ``key`` means the same objects: their indices are kept for it, but
         for an empty key.
         """
-        some = self._kept(key, objects) if key != "" else self._triangles(triangles_of(self._mesh, objects))
+        return self._draw(key, lambda: triangles_of(self._mesh, objects), self._programs, measured=measured)
+
+    def draw_faces(
+        self, key: object, faces: NDArray[np.int32], *, measured: bool, program: MeshProgram | None = None
+    ) -> list[int]:
+        """Draw some ``faces`` (n,) of the mesh, by their numbers, as :meth:`draw` has objects; through another ``program``,
+        with what that was told, they are not kept.
+        """
+        programs = self._programs if program is None else program.programs
+        return self._draw(
+            key if program is None else "", lambda: self._mesh.triangles[faces], programs, measured=measured
+        )
+
+    def _draw(
+        self,
+        key: object,
+        gather: Callable[[], NDArray[np.int32]],
+        programs: Mapping[bool, Program],
+        *,
+        measured: bool,
+    ) -> list[int]:
+        some = self._kept(key, gather) if key != "" else self._triangles(gather(), {measured: programs[measured]})
         if some.count:
             for unit, texture in zip(_UNITS, self._textures, strict=False):
                 texture.use(unit)
@@ -189,17 +224,21 @@ class DrawnMesh:
         self, key: object, objects: NDArray[np.int64], program: LineProgram, *, ink: Ink, measured: bool
     ) -> None:
         """Draw the edges of some ``objects`` (n,), as :meth:`draw` has them."""
-        some = self._kept(key, objects) if key != "" else self._triangles(triangles_of(self._mesh, objects))
+
+        def gather() -> NDArray[np.int32]:
+            return triangles_of(self._mesh, objects)
+
+        some = self._kept(key, gather) if key != "" else self._triangles(gather(), {})
         if some.count:
             program.draw((self._vertices, "3f 16x"), some.indices, ink, measured=measured)
         if key == "":
             some.release()
 
-    def _kept(self, key: object, objects: NDArray[np.int64]) -> Triangles:
-        """Triangles of some objects, made when first drawn and kept until enough others were drawn more recently."""
+    def _kept(self, key: object, gather: Callable[[], NDArray[np.int32]]) -> Triangles:
+        """Triangles of a set, made when first drawn and kept until enough others were drawn more recently."""
         found = self._sets.pop(key, None)
         if found is None:
-            found = self._triangles(triangles_of(self._mesh, objects))
+            found = self._triangles(gather(), self._programs)
             self._held += found.count
             while self._sets and (self._held > _MOST_TRIANGLES or len(self._sets) >= _MOST_SETS):
                 oldest = self._sets.pop(next(iter(self._sets)))
@@ -208,12 +247,12 @@ class DrawnMesh:
         self._sets[key] = found
         return found
 
-    def _triangles(self, triangles: NDArray[np.int32]) -> Triangles:
+    def _triangles(self, triangles: NDArray[np.int32], programs: Mapping[bool, Program]) -> Triangles:
         if not len(triangles):
             return Triangles(0, {}, self._context.buffer(reserve=4))
         indices = self._context.buffer(np.ascontiguousarray(triangles, dtype="<i4").tobytes())
         arrays = {}
-        for mode, program in self._programs.items():
+        for mode, program in programs.items():
             # What the compiled program does not use is passed over.
             parts = {"position": "3f", "uv": "2f", "color": "3f1", "solid": "1f1", "object": "1i"}
             used = [name for name in parts if name in program.program]
