@@ -42,6 +42,11 @@ class Atlases:
         """What all atlases take."""
         return len(self._slots) * self._side**2 * TEXEL_BYTES
 
+    @property
+    def images(self) -> tuple[ImageKey, ...]:
+        """All atlases."""
+        return tuple(self._key(number) for number in range(len(self._slots)))
+
     def take(
         self, node: int, size: tuple[int, int], generation: int, used: NDArray[np.int64], frame: int
     ) -> Slot | None:
@@ -102,4 +107,7 @@ class Atlases:
         return self._free(node, size, generation)
 
     def _slot(self, number: int, place: Place) -> Slot:
-        return Slot(ImageKey(self._owner, f"boxes {number}"), (self._side, self._side), place.corner)
+        return Slot(self._key(number), (self._side, self._side), place.corner)
+
+    def _key(self, number: int) -> ImageKey:
+        return ImageKey(self._owner, f"boxes {number}")

@@ -111,4 +111,5 @@ def least_distances(boxes: NDArray[np.float64], largest: int, sharpness: Sharpne
     share = math.sin(math.atan(0.5 * (largest - 4) / sharpness.texel_focal))
     # The sphere around the larger box: radius + sqrt(3) * margin, where the margin grows with the distance.
     wider = math.sqrt(3.0) * _LARGER_PX * sharpness.pixel
-    return np.asarray(radius * (1.0 + wider) / max(share - wider, 1e-9))
+    least = radius * (1.0 + wider) / max(share - wider, 1e-9)
+    return np.asarray(np.maximum(least, radius + 4.0 * _LEAST_AHEAD))

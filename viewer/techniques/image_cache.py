@@ -25,7 +25,7 @@ from viewer.caching.box_tree import BoxTree, box_tree
 from viewer.caching.captures import Captures, captures_of, least_distances, sharpness_of
 from viewer.caching.node_images import NodeImages
 from viewer.caching.rules import CacheRules
-from viewer.plan import Budget, Costs, Draw, Faces, Nailboards, Plan, Request, Sky
+from viewer.plan import Budget, Costs, Draw, Faces, ImageKey, Nailboards, Plan, Request, Sky
 from viewer.scene.frustum import box_corners, within_view
 from viewer.scene.scene import WalkScene
 
@@ -130,7 +130,7 @@ class ImageCache:
     def plan(self, view: View, *, now: float, budget: Budget) -> Plan:  # noqa: ARG002
         """Capture what is not valid any more, as far as the budget allows, and draw the cut."""
         self._frame += 1
-        self._look_through(view)
+        drops = self._look_through(view)
         frame = _Frame(view.eye, budget.costs, budget.updates, strict=math.isinf(budget.updates))
         images, direct = self._cut(view, budget.costs)
         seen = within_view(self._corners[images], view)
@@ -142,20 +142,23 @@ class ImageCache:
         drawn = np.concatenate([direct[within_view(self._corners[direct], view)], more])
         draws: tuple[Draw, ...] = (*self._images.boards(shown, self._frame), *self._primitives(drawn))
         self._count(frame, wanted[valid], np.concatenate([direct, more]), shown, late)
-        return Plan((*draws, self._scene.ground_in(view), Sky()), requests=tuple(frame.requests))
+        return Plan((*draws, self._scene.ground_in(view), Sky()), requests=tuple(frame.requests), drops=drops)
 
-    def _look_through(self, view: View) -> None:
-        """Begin anew where another display is drawn for than before."""
+    def _look_through(self, view: View) -> tuple[ImageKey, ...]:
+        """Begin anew where another display is drawn for than before; the images that nobody needs any more then."""
         sharpness = sharpness_of(view)
         told = (view.focal, view.window)
+        drops: tuple[ImageKey, ...] = ()
         if told == self._last:
-            return
+            return drops
         if self._last is None or sharpness != self._images.sharpness:
             rules = self._rules
+            drops = () if self._last is None else self._atlases.images
             self._images = NodeImages(self._tree.boxes, sharpness, rules.error_px * sharpness.pixel)
             self._atlases = Atlases(self.owner, largest=rules.largest, most_bytes=rules.bytes, forget=self._images.drop)
             self._least = least_distances(self._tree.boxes, rules.largest, sharpness)
         self._last = told
+        return drops
 
     # ---------------------------------------------------------------------------------------------------- the cut
 

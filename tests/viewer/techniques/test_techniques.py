@@ -8,7 +8,7 @@ import pytest
 from mmi.foundation.camera import level_view
 from mmi.foundation.errors import DatasetError, ParameterError
 from mmi.foundation.plug_ins import plug_in
-from viewer.plan import Budget, CellKey, CellLayers, Ground, Objects, Plan, Sky
+from viewer.plan import Budget, CellKey, CellLayers, Faces, Ground, Objects, Plan, Sky
 from viewer.scene.follower import Follower
 from viewer.scene.scene import open_scene
 from viewer.techniques.catalogue import MAIN, REFERENCE, TECHNIQUES, find_technique, make_technique
@@ -41,7 +41,7 @@ def test_every_technique_draws_objects_ground_and_sky_last(scenes, scene, name):
     technique = make_technique(name, scenes)
     assert technique.name == name
     plan = technique.plan(look(scene, 20.0), now=0.0, budget=BUDGET)
-    assert isinstance(plan.draws[0], Objects)
+    assert isinstance(plan.draws[0], Faces if name == "image-cache" else Objects)
     assert isinstance(plan.draws[-2], Ground)
     assert isinstance(plan.draws[-1], Sky)
     assert plan.mix == 1.0
