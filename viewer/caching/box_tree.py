@@ -2,9 +2,10 @@
 
 A node's box is halved in the middle of its longest side, the box of each half likewise, and again: as many times as the node
 has sides longer than half of its longest, but twice at least. So a node that is about a cube has up to 8 children, and a flat
-one 4. A box is the bounds of what there is on its side of the planes, which may be much less than the half, and is what is
-halved next. Planes belong to both sides: what lies in one goes to its lower side alone, and what only touches one to its own.
-The rest is clipped (Sutherland and Hodgman, "Reentrant polygon clipping", 1974) in double precision.
+one 4; a half that lists no more than an eighth of what a leaf may is halved no more. A box is the bounds of what there is on
+its side of the planes, which may be much less than the half, and is what is halved next. Planes belong to both sides: what lies
+in one goes to its lower side alone, and what only touches one to its own. The rest is clipped (Sutherland and Hodgman,
+"Reentrant polygon clipping", 1974) in double precision.
 
 Triangles that are large for their box would be in most of its children, and in most of theirs. So a node is divided only where
 its children list at most twice as many triangles as it does, and as long as no division on the way down to them has used up
@@ -100,7 +101,7 @@ def box_tree(
         counts = np.diff(level.starts)
         deeper = len(generations) < (_DEEPEST if depth is None else min(depth, _DEEPEST))
         tried = np.flatnonzero((counts > leaf_triangles) & (np.ptp(level.boxes, axis=1).max(axis=1) > 0.0) & deeper)
-        halves, of = _divided(mesh, level.only(tried))
+        halves, of = _divided(mesh, level.only(tried), leaf_triangles=leaf_triangles)
         within = np.bincount(of, np.diff(halves.starts), minlength=len(tried))
         helps = within <= np.minimum(growth[tried], _GROWTH_AT_ONCE) * counts[tried]
         helps &= np.bincount(of, minlength=len(tried)) > 1
@@ -165,16 +166,18 @@ def _root(mesh: _Mesh, there: NDArray[np.int32]) -> _Level:
     return _halved(mesh, space, np.zeros(1, dtype=np.int64), np.array([np.inf]))[0]
 
 
-def _divided(mesh: _Mesh, level: _Level) -> tuple[_Level, NDArray[np.int64]]:
+def _divided(mesh: _Mesh, level: _Level, *, leaf_triangles: int) -> tuple[_Level, NDArray[np.int64]]:
     """The children of all parts, those without content left out, and whose they are."""
     sides = np.ptp(level.boxes, axis=1)
     times = np.maximum((2.0 * sides > sides.max(axis=1, keepdims=True)).sum(axis=1), 2)
     owners = np.arange(len(times))
     for k in range(3):
+        wanted = (times[owners] > k) & (8 * np.diff(level.starts) > leaf_triangles)
+        if not wanted.any():
+            break
         longest = np.ptp(level.boxes, axis=1).argmax(axis=1)
         ends = level.boxes[np.arange(len(longest)), :, longest]
-        planes = np.where(times[owners] > k, 0.5 * ends[:, 0] + 0.5 * ends[:, 1], np.inf)
-        level, halved = _halved(mesh, level, longest, planes)
+        level, halved = _halved(mesh, level, longest, np.where(wanted, 0.5 * ends[:, 0] + 0.5 * ends[:, 1], np.inf))
         owners = owners[halved]
     return level, owners
 
@@ -218,25 +221,57 @@ def _sort_out(
     those below part i's plane in row 2 i and those above in the next.
     """
     piece, other = np.empty((_MOST_CORNERS, 3)), np.empty((_MOST_CORNERS, 3))
+    low, high = np.empty(3), np.empty(3)
     for i in range(len(axes)):
-        axis, plane = axes[i], planes[i]
+        axis, plane, cell = axes[i], planes[i], level.cells[i]
         for r in range(level.starts[i], level.starts[i + 1]):
-            piece, other, count = _clip_to_cell(mesh, level.references[r], level.cells[i], piece, other)
-            lowest = highest = piece[0, axis]
-            for k in range(1, count):
-                lowest, highest = min(lowest, piece[k, axis]), max(highest, piece[k, axis])
-            if highest <= plane:
-                sides[r] = _BELOW
-                _grow(boxes[2 * i], piece, count)
-            elif lowest >= plane:
-                sides[r] = _ABOVE
-                _grow(boxes[2 * i + 1], piece, count)
+            a, b, c = mesh.triangles[level.references[r]]
+            whole = True
+            for n in range(3):
+                low[n] = min(mesh.positions[a, n], mesh.positions[b, n], mesh.positions[c, n])
+                high[n] = max(mesh.positions[a, n], mesh.positions[b, n], mesh.positions[c, n])
+                whole &= cell[0, n] <= low[n] and high[n] <= cell[1, n]
+            if whole and (high[axis] <= plane or low[axis] >= plane):  # most are
+                sides[r] = _BELOW if high[axis] <= plane else _ABOVE
+                half = 2 * i + sides[r] - _BELOW
+                for n in range(3):
+                    boxes[half, 0, n] = min(boxes[half, 0, n], low[n])
+                    boxes[half, 1, n] = max(boxes[half, 1, n], high[n])
             else:
-                sides[r] = _BELOW | _ABOVE
-                _grow(boxes[2 * i], other, _clip(piece, count, axis, plane, 1.0, other))
-                _grow(boxes[2 * i + 1], other, _clip(piece, count, axis, plane, -1.0, other))
+                halves = boxes[2 * i : 2 * i + 2]
+                sides[r] = _sort_out_cut(mesh, level.references[r], cell, axis, plane, halves, piece, other)
             counts[2 * i] += sides[r] & _BELOW
-            counts[2 * i + 1] += sides[r] >> 1
+            counts[2 * i + 1] += sides[r] // _ABOVE
+
+
+@kernel(error_model="numpy", nogil=True)
+def _sort_out_cut(
+    mesh: _Mesh,
+    triangle: int,
+    cell: NDArray[np.float64],
+    axis: int,
+    plane: float,
+    boxes: NDArray[np.float64],
+    piece: NDArray[np.float64],
+    other: NDArray[np.float64],
+) -> int:
+    """On which sides of a plane what a cell (2, 3) holds of a triangle is; ``boxes`` (2, 2, 3) of the two grow by it.
+
+    ``piece`` and ``other`` are room for its corners.
+    """
+    piece, other, count = _clip_to_cell(mesh, triangle, cell, piece, other)
+    lowest = highest = piece[0, axis]
+    for k in range(1, count):
+        lowest, highest = min(lowest, piece[k, axis]), max(highest, piece[k, axis])
+    if highest <= plane:
+        _grow(boxes[0], piece, count)
+        return _BELOW
+    if lowest >= plane:
+        _grow(boxes[1], piece, count)
+        return _ABOVE
+    _grow(boxes[0], other, _clip(piece, count, axis, plane, 1.0, other))
+    _grow(boxes[1], other, _clip(piece, count, axis, plane, -1.0, other))
+    return _BELOW | _ABOVE
 
 
 @kernel(nogil=True)
@@ -298,7 +333,8 @@ def _clip(
             clipped[found, axis] = plane
             found += 1
         if here <= 0.0:
-            clipped[found] = polygon[k]
+            for n in range(3):
+                clipped[found, n] = polygon[k, n]
             found += 1
         last = k
     return found

@@ -40,8 +40,8 @@ def sound(tree):
         assert tree.ranges[end - 1, 1] == stop
         below = tree.boxes[first:end]
         assert (below[:, 0] >= tree.boxes[node, 0]).all() and (below[:, 1] <= tree.boxes[node, 1]).all()
-        assert below[:, 0].min(axis=0).tolist() == tree.boxes[node, 0].tolist()
-        assert below[:, 1].max(axis=0).tolist() == tree.boxes[node, 1].tolist()
+        together = np.array([below[:, 0].min(axis=0), below[:, 1].max(axis=0)])
+        assert np.abs(together - tree.boxes[node]).max() <= 1e-12 * np.abs(tree.boxes[node]).max()
         lowest = np.maximum(below[:, None, 0], below[None, :, 0])
         highest = np.minimum(below[:, None, 1], below[None, :, 1])
         apart = (highest - lowest <= 0.0).any(axis=2)
@@ -115,7 +115,9 @@ def twin(parts, growth, *, leaf_triangles, depth):
     if len(parts) > leaf_triangles and depth > 0 and max(sides) > 0:
         pieces = [parts]
         for _ in range(max(2, sum(2 * side > max(sides) for side in sides))):
-            pieces = [half for piece in pieces for half in halves(piece)]
+            pieces = [
+                half for piece in pieces for half in (halves(piece) if 8 * len(piece) > leaf_triangles else [piece])
+            ]
         within = sum(map(len, pieces))
         if len(pieces) > 1 and within <= min(growth, 2) * len(parts):
             left = growth * len(parts) / Fraction(within)
@@ -137,7 +139,7 @@ def same(tree, node, expected):
 def half_squares(draw):
     """Right triangles in planes of the axes, legs a power of two, so that halving them rounds nothing; some without area."""
     soup = []
-    for _ in range(draw(st.integers(1, 14))):
+    for _ in range(draw(st.integers(1, 24))):
         corner = [4 * draw(st.integers(0, 4)) for _ in range(3)]
         axis, leg, turned = (
             draw(st.integers(0, 2)),
@@ -151,8 +153,8 @@ def half_squares(draw):
     return np.array(soup, dtype=np.float32)
 
 
-@settings(deadline=None, max_examples=300)
-@given(half_squares(), st.integers(1, 4), st.integers(0, 4))
+@settings(deadline=None, max_examples=150)
+@given(half_squares(), st.sampled_from([1, 2, 4, 16]), st.integers(0, 4))
 def test_it_is_the_tree_of_its_description(soup, leaf_triangles, depth):
     tree = sound(tree_of(soup, leaf_triangles=leaf_triangles, depth=depth))
     parts = [(i, exact(one)) for i, one in enumerate(soup)]
@@ -189,10 +191,10 @@ def test_leaves_hold_all_of_each_triangle_and_no_other(numbers, leaf_triangles, 
 
 
 def test_a_mesh_of_small_triangles():
-    soup = random_soup(np.random.default_rng(5), 400, size=0.3).astype(np.float32)
-    tree = sound(tree_of(soup, leaf_triangles=30))
+    soup = random_soup(np.random.default_rng(5), 200, size=0.3).astype(np.float32)
+    tree = sound(tree_of(soup, leaf_triangles=20))
     covered(tree, soup)
-    assert tree.triangle_counts[tree.is_leaf].max() <= 30
+    assert tree.triangle_counts[tree.is_leaf].max() <= 20
     assert len(tree.levels) > 3
 
 
@@ -214,6 +216,7 @@ def test_boxes_are_no_larger_than_what_they_hold():
     cluster = random_soup(rng, 1000, size=0.001, spread=(1.0, 1.0, 1.0))
     tree = sound(tree_of(np.concatenate([cluster, cluster[:1] + 1000.0]), leaf_triangles=300))
     assert len(tree.levels) - 2 <= 2
+    assert tree.triangles_of(int(tree.children[0, 1]) - 1).tolist() == [1000]
     assert np.ptp(tree.boxes[1:], axis=1).max() < 1.1
 
 
