@@ -1,4 +1,7 @@
 import math
+import mmap
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -56,6 +59,25 @@ def test_what_was_cast_is_kept_with_its_record():
     assert [known[name].tolist() for name in "xyz"] == [[130.0, 0.0], [20.0, 1.0], [2.0, 0.0]]
     assert [known["u"][0], known["v"][0], known["tint"][0]] == [0.25, 0.5, 0xFF102030]
     assert known["level"][0] == pytest.approx(2.0 - PIXEL_LEVELS * math.log2(0.8))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks Linux how much memory is taken")
+def test_directions_far_apart_take_little_memory():
+    """A few rays all around, in the map of a display whose smallest pixels are tiny."""
+
+    def taken():
+        return mmap.PAGESIZE * int(Path("/proc/self/statm").read_text().split()[1])
+
+    rng = np.random.default_rng(1)
+    directions = rng.normal(size=(300, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    samples, points = np.zeros(300, dtype=SAMPLE), directions.astype(np.float32)
+    ahead = np.array([1.0, 0.0, 0.0])
+    store(1, directions, ahead, points, samples, Panorama(1.0).texels)  # compiled before
+    panorama = Panorama(1e-6)
+    before = taken()
+    store(1, directions, ahead, points, samples, panorama.texels)
+    assert taken() - before < 30_000_000, "that is less than 100 kilobytes a ray"
 
 
 def test_records_tell_how_far_away_they_are():
