@@ -24,8 +24,9 @@ class CacheRules:
     as many as it takes). Images have at most ``largest`` texels a side (the paper's 256), and all together take at most
     ``bytes`` on the GPU; those shown least recently give way. ``keep`` says whether all around the viewer images are kept up to
     date ("sphere", the paper's choice: who turns finds them there), or only what is in view ("frustum").
-    A box is an image where showing that is predicted to take less time than its triangles; with ``eager``, as in the paper,
-    wherever it can be one.
+    A box is an image where showing that is predicted to take less time than its triangles, and is captured from them unless
+    images of boxes within are predicted to take less; with ``eager``, as in the paper, it is an image wherever it can be one,
+    and only leaves are captured from triangles.
     """
 
     error_px: float = 1.0

@@ -114,7 +114,8 @@ def add_cache_arguments(parser: argparse.ArgumentParser) -> None:
         "--eager",
         action="store_const",
         const=True,
-        help="make an image of every box that can be one, as the paper does, not only where that is predicted to save time",
+        help="make an image of every box that can be one, and only those of the smallest from triangles, as the paper does, "
+        "and not just where that is predicted to save time",
     )
 
 

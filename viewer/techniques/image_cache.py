@@ -208,7 +208,8 @@ class ImageCache:
         most = max(2.0 * frame.costs.relief * width * height, _WORTH_COMBINING * frame.costs.request)
         sources, rest = np.zeros(0, dtype=np.int64), np.array([node])
         generation, inherited = 0, 0.0
-        if not self._leaf[node] and frame.costs.captured * int(self._counts[node]) > most:
+        eager = self._rules.eager
+        if not self._leaf[node] and (eager or frame.costs.captured * int(self._counts[node]) > most):
             sources, rest = self._sources(node, frame)
         if len(sources):
             generation = 1 + int(self._images.generations[sources].max())
@@ -253,8 +254,8 @@ class ImageCache:
             usable = self._images.handed_on(waiting, frame.eye, self._frame) <= limit
             pixels = captures.windows[:, 2].astype(np.float64) * captures.windows[:, 3]
             takes = costs.captured * self._counts[waiting]
-            few = takes <= costs.draw + costs.relief * pixels
-            small = self._leaf[waiting] | (takes <= _WORTH_COMBINING * costs.request)
+            few = (takes <= costs.draw + costs.relief * pixels) & ~np.bool_(self._rules.eager)
+            small = self._leaf[waiting] | ((takes <= _WORTH_COMBINING * costs.request) & ~np.bool_(self._rules.eager))
             deeper: list[int] = []
             for place, one in enumerate(waiting.tolist()):
                 if few[place]:
