@@ -106,11 +106,15 @@ def _unwritten(count: int) -> NDArray[np.void]:
     """(count,) of ``TEXEL``, all zeros, which are not in memory before they are written.
 
     NumPy asks for large arrays in pages of two megabytes, of which each is filled as soon as a texel in it is: for a picture of
-    320 x 200 pixels and 170 degrees that is all of the map, and takes seconds. On Linux these are small pages.
+    320 x 200 pixels and 170 degrees that is all of the map, and takes seconds. On Linux these are small pages. Raises
+    MemoryError where there is no room.
     """
     if sys.platform != "linux":
         return np.zeros(count, dtype=TEXEL)
-    memory = mmap.mmap(-1, count * TEXEL.itemsize, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    try:
+        memory = mmap.mmap(-1, count * TEXEL.itemsize, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    except OSError as error:
+        raise MemoryError(f"{count * TEXEL.itemsize} bytes for what rays have found") from error
     with suppress(OSError):  # there are kernels without large pages
         memory.madvise(mmap.MADV_NOHUGEPAGE)
     return np.frombuffer(memory, dtype=TEXEL)

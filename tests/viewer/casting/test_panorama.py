@@ -1,3 +1,4 @@
+import errno
 import math
 import mmap
 import sys
@@ -78,6 +79,16 @@ def test_directions_far_apart_take_little_memory():
     before = taken()
     store(1, directions, ahead, points, samples, panorama.texels)
     assert taken() - before < 30_000_000, "that is less than 100 kilobytes a ray"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="NumPy raises it elsewhere")
+def test_memory_that_ran_out_is_called_so(monkeypatch):
+    def full(*_, **__):
+        raise OSError(errno.ENOMEM, "Cannot allocate memory")
+
+    monkeypatch.setattr("viewer.casting.panorama.mmap.mmap", full)
+    with pytest.raises(MemoryError, match="bytes for what rays have found"):
+        Panorama(0.1)
 
 
 def test_records_tell_how_far_away_they_are():
