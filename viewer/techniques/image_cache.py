@@ -34,7 +34,8 @@ __all__ = ["CacheTally", "ImageCache", "tree_of"]
 _HANDED_ON = 0.7
 """The share of what images may be wrong by that others may inherit."""
 _GAIN = 2.0
-"""Unless it is eager, a cache shows an image where its triangles are predicted to take so many times as long."""
+"""Unless it is eager, a cache shows an image where its triangles are predicted to take so many times as long as showing it,
+and what capturing it takes as often as it must be, besides."""
 _WORTH_COMBINING = 10.0
 """Times what a request takes by itself: a node whose primitives take no longer is captured from them."""
 _FEW = 256
@@ -107,7 +108,10 @@ class ImageCache:
         self._leaf = self._tree.is_leaf
         self._middles = 0.5 * (self._tree.boxes[:, 0] + self._tree.boxes[:, 1])
         self._corners = box_corners(self._tree.boxes[:, 0], self._tree.boxes[:, 1])
+        self._radii = 0.5 * np.linalg.norm(self._tree.boxes[:, 1] - self._tree.boxes[:, 0], axis=1)
         self._frame = 0
+        self._eye: NDArray[np.float64] | None = None
+        self._moved = self._step = 0.0
         self._last: tuple[float, tuple[int, int, int, int]] | None = None
         self._images: NodeImages
         self._atlases: Atlases
@@ -131,6 +135,7 @@ class ImageCache:
         """Capture what is not valid any more, as far as the budget allows, and draw the cut."""
         self._frame += 1
         drops = self._look_through(view)
+        self._follow(view.eye)
         frame = _Frame(view.eye, budget.costs, budget.updates, strict=math.isinf(budget.updates))
         images, direct = self._cut(view, budget.costs)
         seen = within_view(self._corners[images], view)
@@ -160,6 +165,11 @@ class ImageCache:
         self._last = told
         return drops
 
+    def _follow(self, eye: NDArray[np.float64]) -> None:
+        """How far the viewer goes in a frame: the shorter of the last two ways, so that a leap is none."""
+        moved = 0.0 if self._eye is None else float(np.linalg.norm(eye - self._eye))
+        self._step, self._moved, self._eye = min(moved, self._moved), moved, eye
+
     # ---------------------------------------------------------------------------------------------------- the cut
 
     def _cut(self, view: View, costs: Costs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -173,9 +183,10 @@ class ImageCache:
             covers = np.abs(towards) / np.maximum(distance, 1e-9)[:, None]
             x, y, z = (tree.boxes[:, 1] - tree.boxes[:, 0]).T
             area = covers[:, 0] * y * z + covers[:, 1] * x * z + covers[:, 2] * x * y
-            shows = costs.relief * area * (view.focal / np.maximum(distance, 1e-9)) ** 2
-            worth = (self._counts > _FEW) & (costs.triangle * self._counts > _GAIN * shows)
-            image = possible & worth
+            takes = _GAIN * costs.relief * area * (view.focal / np.maximum(distance, 1e-9)) ** 2
+            captures = costs.request + costs.captured * self._counts
+            takes += captures / np.maximum(self._lasts(distance) / max(self._step, 1e-9), 1.0)
+            image = possible & (self._counts > _FEW) & (costs.triangle * self._counts > takes)
             direct = ~image & (self._leaf | (self._counts <= _FEW))
         ended = image | direct
         above = np.zeros(len(ended), dtype=np.bool_)  # an ancestor is in the cut
@@ -183,6 +194,17 @@ class ImageCache:
             parents = tree.parents[first:end]
             above[first:end] = above[parents] | ended[parents]
         return np.flatnonzero(image & ~above), np.flatnonzero(direct & ~above & (self._counts > 0))
+
+    def _lasts(self, distance: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Metres (n,), about, that a viewer may go while images of nodes at a ``distance`` (n,) stay valid.
+
+        Points ``radius`` before and behind the middle part by 2 w radius / (distance^2 - radius^2) after w metres, of which a
+        quadrilateral between them is off by half.
+        """
+        radius = self._radii
+        left = np.maximum(distance * distance - radius * radius, 0.0)
+        found: NDArray[np.float64] = self._images.limit * left / np.maximum(radius, 1e-9)
+        return found
 
     # -------------------------------------------------------------------------------------------------- capturing
 
