@@ -275,7 +275,7 @@ class Plan:
     likely to hide the rest first. ``place`` is the cell that the viewer is in. The layers of ``cells`` must be in memory for
     it, ``ahead`` are cells worth loading next, most urgent first. Where ``mix`` is below 1, the picture of ``fading`` is mixed
     in: ``mix`` of draws, 1 - ``mix`` of fading. ``finish`` is asked for further draws when ``draws`` have been drawn, and again
-    where a plan is drawn again.
+    where a plan is drawn again, which it should then complete in the same way.
     """
 
     draws: tuple[Draw, ...]

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mmi.foundation.camera import View
 from mmi.foundation.progress import Progress
 from mmi.walks.walk import Step
 from viewer.cells.cell_cache import CellCache
@@ -100,7 +101,7 @@ def score_walk(
             view = step.pose.view(main.camera)
             told = {name: budgets[name][i] if name in budgets else untimed for name in names}
             made = {name: walkers[name].plan(view, now=step.time, budget=told[name]) for name in names}
-            plans = {name: _captured(plan, renderer, cache) for name, plan in made.items()}
+            plans = {name: _carried_out(plan, view, renderer, cache) for name, plan in made.items()}
             if step.index in chosen and compared:
                 cell = main.whereabouts.cell_at(np.array(step.pose.eye), current=None)
                 place = next((plan.place for plan in plans.values() if plan.place), cell)
@@ -155,13 +156,20 @@ def _popping(run: Sequence[FrameTimes], options: CompareOptions) -> dict[int, _E
     return {i: _Event(i, True) for i in _some(captured, _MOST_POPS)} | switches
 
 
-def _captured(plan: Plan, renderer: Renderer, cache: CellCache) -> Plan:
-    """What is left of a plan when its requests are executed. They are orders: each is executed once, drawn or not."""
-    if not plan.requests and not plan.drops:
+def _carried_out(plan: Plan, view: View, renderer: Renderer, cache: CellCache) -> Plan:
+    """What is left of a plan when its requests are executed, and it was finished if it wants to be.
+
+    Requests are orders: each is executed once, whether the frame is scored or not. So is finishing, from which the next frames
+    go on.
+    """
+    if not plan.requests and not plan.drops and plan.finish is None:
         return plan
     cache.want(plan.cells)
     cache.require(plan.cells)
-    renderer.execute(plan)
+    if plan.finish is not None:
+        renderer.draw(plan, view, read=False)  # which executes requests as well
+    else:
+        renderer.execute(plan)
     return replace(plan, requests=(), drops=())
 
 

@@ -21,7 +21,7 @@ from viewer.casting.near_set import NearSet
 from viewer.casting.open_pixels import rays_of
 from viewer.casting.panorama import Panorama, smallest_pixel
 from viewer.casting.rules import CastRules
-from viewer.plan import Budget, Draw, Objects, Plan, Sky
+from viewer.plan import Budget, CastPixels, Draw, Objects, Plan, Sky
 from viewer.scene.frustum import box_corners, within_view
 from viewer.scene.scene import WalkScene
 
@@ -85,7 +85,12 @@ class RayCasting:
             affordable = int(budget.updates / self._ray_seconds)
             most = affordable if most is None else min(most, affordable)
 
+        found: dict[tuple[int, int], CastPixels] = {}  # by the columns that were asked for
+
         def finish(depths: NDArray[np.float32], first_column: int) -> tuple[Draw, ...]:
+            columns = first_column, depths.shape[1]
+            if columns in found:  # drawn again, it is the same frame
+                return (found[columns],)
             start = time.perf_counter()
             shown, tally = cast_frame(
                 depths,
@@ -105,6 +110,7 @@ class RayCasting:
                 took = (time.perf_counter() - start) / tally.rays
                 self._ray_seconds += _LEARNING * (min(took, 1e-3) - self._ray_seconds)
             self.latest, self.tally = tally, self.tally.plus(tally)
+            found[columns] = shown
             return (shown,)
 
         return Plan((_in_view(near, self._scene, view), self._scene.ground_in(view), Sky()), finish=finish)
