@@ -221,11 +221,13 @@ class CastPixels:
 
     ``samples`` (n,) of ``CAST_PIXEL``: ``pixel``, column and row in the view's window; ``depth`` along the view's axis, metres,
     which composes them with all else; texture coordinates ``uv`` in the city's texture, and the mipmap ``level`` at which it
-    is sampled; ``tint`` multiplies that; ``object`` of the city. The first ``fresh`` of them were found in this frame.
+    is sampled; ``tint`` multiplies that; ``object`` of the city. The first ``fresh`` of them were found in this frame,
+    which took ``seconds``.
     """
 
     samples: NDArray[np.void]
     fresh: int = 0
+    seconds: float = 0.0
 
 
 Draw = Sky | Ground | Objects | Faces | CellLayers | Relief | Nailboards | Moving | CastPixels
@@ -310,13 +312,14 @@ class Work(NamedTuple):
 class Done(NamedTuple):
     """What a frame's ``requests`` and its ``draws`` took, apart from each other, and the seconds that it took to ``finish``.
 
-    ``fresh`` are the pixels whose surfaces were found in this frame.
+    ``fresh`` are the pixels whose surfaces were found in this frame, in ``finding`` of those seconds.
     """
 
     requests: Work = Work()
     draws: Work = Work()
     finish: float = 0.0
     fresh: int = 0
+    finding: float = 0.0
 
 
 class Costs(NamedTuple):

@@ -8,6 +8,7 @@ shown as it was cast last, or not at all, and counted.
 from __future__ import annotations
 
 import math
+import time
 from typing import NamedTuple
 
 import numpy as np
@@ -178,6 +179,7 @@ def cast_frame(
     again = far.threads.submit(  # while rays are cast
         shown_again, pixels[shown], width, first_column, texel[shown], near_objects, rays, panorama.texels
     )
+    start = time.perf_counter()
     directions = directions_of(pixels[chosen], width, rays)
     hits = far.caster.first_hits(rays.eye, directions, nearest=rules.near_field, pixel_angle=1.0 / rays.focal)
     looks, points = cast_pixels(pixels[chosen], width, first_column, directions, hits, rays, far.surfaces)
@@ -186,6 +188,7 @@ def cast_frame(
     old = again.result()  # before what it shows is overwritten
     if len(chosen):
         store(panorama.record_at(rays.eye), directions, -rays.axes[2], points, looks.view(SAMPLE), panorama.texels)
+    seconds = time.perf_counter() - start if len(chosen) else 0.0
     left = wanted[rayless[wanted]]
     known = int((texel[left] >= 0).sum())
     sky = sum(some for *_, some in parts)
@@ -201,4 +204,4 @@ def cast_frame(
         kept_px=kept,
     )
     samples = np.concatenate([fresh, old.view(whole)]).view(CAST_PIXEL)
-    return CastPixels(samples, len(fresh)), tally
+    return CastPixels(samples, len(fresh), seconds), tally

@@ -216,7 +216,7 @@ class Renderer:
             with self._timer:
                 captured = self._execute(plan)
                 shown = narrowed(plan, style)
-                counts, finishing, fresh = self._draw(shown, view, measured, style)
+                counts, finished = self._draw(shown, view, measured, style)
             with turns_after(_SWITCH_INTERVAL):
                 self._finish()
             seconds = time.perf_counter() - start
@@ -225,7 +225,7 @@ class Renderer:
             ids, depth, displacement = self._targets.measures() if measured else (None, None, None)
             gpu = gpu_seconds(self._timer.elapsed, seconds=seconds, device=self.device)
             relief = _relief(shown.draws) + (_relief(shown.fading) if plan.mix < 1.0 else 0)
-            drawn = Work(seconds - captured.seconds - finishing, sum(counts), len(counts), relief=relief)
+            drawn = Work(seconds - captured.seconds - finished.finish, sum(counts), len(counts), relief=relief)
             return DrawnPicture(
                 color=color,
                 object_ids=ids,
@@ -235,7 +235,7 @@ class Renderer:
                 gpu_seconds=gpu,
                 triangles=captured.triangles + drawn.triangles,
                 draws=captured.draws + drawn.draws,
-                done=Done(captured, drawn, finishing, fresh),
+                done=finished._replace(requests=captured, draws=drawn),
             )
 
     def prepare(self, plan: Plan, view: View) -> float:
@@ -297,14 +297,14 @@ class Renderer:
         finally:
             self._images.end()
 
-    def _draw(self, plan: Plan, view: View, measured: bool, style: Style) -> tuple[list[int], float, int]:
-        """The triangles of each call that was sent, the seconds that it took to finish the plan, and pixels found anew."""
+    def _draw(self, plan: Plan, view: View, measured: bool, style: Style) -> tuple[list[int], Done]:
+        """The triangles of each call that was sent, and what finishing the plan took."""
         if plan.mix >= 1.0:
             return self._paint(plan.draws, plan.finish, view, measured, style, plan.requests)
         before, *_ = self._paint(plan.fading, None, view, measured, style, plan.requests)
         self._fade.keep(self._targets, measured=measured)
-        now, finishing, fresh = self._paint(plan.draws, plan.finish, view, measured, style, plan.requests)
-        return [*before, *now, *self._fade.mix(self._targets, 1.0 - plan.mix, measured=measured)], finishing, fresh
+        now, finished = self._paint(plan.draws, plan.finish, view, measured, style, plan.requests)
+        return [*before, *now, *self._fade.mix(self._targets, 1.0 - plan.mix, measured=measured)], finished
 
     def _paint(
         self,
@@ -314,26 +314,27 @@ class Renderer:
         measured: bool,
         style: Style,
         requests: Sequence[Request],
-    ) -> tuple[list[int], float, int]:
-        """Draw into the target, and finish; the triangles of each call, lines aside, the seconds that finishing took, and the
-        pixels that it found anew.
-        """
+    ) -> tuple[list[int], Done]:
+        """Draw into the target, and finish; the triangles of each call, lines aside, and what finishing took."""
         self._targets.clear(measured=measured)
         self._programs.look_through(view, measured=measured)
         counts = [count for draw in draws for count in self._paint_one(draw, view, measured, style, requests)]
-        finishing, fresh = 0.0, 0
+        finished = Done()
         if finish is not None:
             depths = self._targets.depths(measured=measured)  # waits for what was drawn
             start = time.perf_counter()
             more = finish(depths, self._targets.first_column)
-            finishing = time.perf_counter() - start
-            fresh = sum(draw.fresh for draw in more if isinstance(draw, CastPixels))
+            seconds = time.perf_counter() - start
+            found = [draw for draw in more if isinstance(draw, CastPixels)]
+            finished = Done(
+                finish=seconds, fresh=sum(draw.fresh for draw in found), finding=sum(draw.seconds for draw in found)
+            )
             counts += [count for draw in more for count in self._paint_one(draw, view, measured, style, requests)]
         if style.wireframe:
             with self._line.over(self._targets, measured=measured):
                 for draw in draws:
                     self._paint_lines(draw, view, measured, requests)
-        return counts, finishing, fresh
+        return counts, finished
 
     def _paint_one(
         self, draw: Draw, view: View, measured: bool, style: Style, requests: Sequence[Request]

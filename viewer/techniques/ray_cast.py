@@ -6,7 +6,6 @@ What a frame takes depends on the pixels that near objects leave open, hardly on
 from __future__ import annotations
 
 import math
-import time
 from hashlib import blake2b
 
 import numpy as np
@@ -29,7 +28,10 @@ __all__ = ["RayCasting", "limit_px"]
 
 _FIRST_RAY = 2e-6
 """Seconds that a ray is believed to take before the first was cast."""
-_LEARNING = 0.2
+_FIRST_RAYS = 2048
+"""That belief counts like so many rays: where frames cast a few, what they take says little of what thousands would."""
+_FORGETTING = 0.02
+"""What frames say counts less by this share with each frame that comes after."""
 _OTHER = 1.1
 """A panorama is begun anew where pixels become larger or smaller by more than this."""
 _STANDING = 1e-6
@@ -58,7 +60,7 @@ class RayCasting:
         self._pixel = smallest_pixel(View(np.eye(4), scene.camera.focal, scene.camera.window))
         self._panorama = Panorama(self._pixel)
         scene.workshop.once(("compiled", self._rules.caster), self._compile)
-        self._ray_seconds = _FIRST_RAY
+        self._seconds, self._rays = 0.0, 0.0
         self._last: NDArray[np.float64] | None = None
         self._told: tuple[object, ...] = ()
         self.tally = CastTally()
@@ -81,8 +83,9 @@ class RayCasting:
         if not 1.0 / _OTHER < pixel / self._pixel < _OTHER:  # another display
             self._pixel, self._panorama = pixel, Panorama(pixel)
         panorama, most = self._panorama, self._rules.rays
+        ray_seconds = self._learnt(budget)
         if np.isfinite(budget.updates):
-            affordable = int(budget.updates / self._ray_seconds)
+            affordable = int(budget.updates / ray_seconds)
             most = affordable if most is None else min(most, affordable)
 
         found: dict[tuple[int, int], CastPixels] = {}  # by the columns that were asked for
@@ -91,7 +94,6 @@ class RayCasting:
             columns = first_column, depths.shape[1]
             if columns in found:  # drawn again, it is the same frame
                 return (found[columns],)
-            start = time.perf_counter()
             shown, tally = cast_frame(
                 depths,
                 first_column,
@@ -106,14 +108,18 @@ class RayCasting:
                 share=0.0 if moved <= _STANDING else self._share(moved, limit / view.focal),
                 settling=self._rules.settling if still else 0,
             )
-            if tally.rays:
-                took = (time.perf_counter() - start) / tally.rays
-                self._ray_seconds += _LEARNING * (min(took, 1e-3) - self._ray_seconds)
             self.latest, self.tally = tally, self.tally.plus(tally)
             found[columns] = shown
             return (shown,)
 
         return Plan((_in_view(near, self._scene, view), self._scene.ground_in(view), Sky()), finish=finish)
+
+    def _learnt(self, budget: Budget) -> float:
+        """Seconds that a ray takes, by what the budget says of the last frame, so that recorded budgets allow the same rays."""
+        if budget.done is not None:
+            self._seconds += budget.done.finding - _FORGETTING * self._seconds
+            self._rays += self.latest.rays - _FORGETTING * self._rays
+        return (_FIRST_RAYS * _FIRST_RAY + self._seconds) / (_FIRST_RAYS + self._rays)
 
     def _horizon(self, view: View) -> Horizon:
         window = azimuths_of(_corners(view))

@@ -9,7 +9,7 @@ from mmi.foundation.camera import Camera, view_towards
 from viewer.casting.rules import CastRules
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.view_errors import view_errors
-from viewer.plan import Budget, Objects, Plan
+from viewer.plan import Budget, Done, Objects, Plan
 from viewer.scene.scene import scene_of_city
 from viewer.techniques.geometry import FullGeometry
 from viewer.techniques.ray_cast import RayCasting
@@ -234,3 +234,39 @@ def test_few_rays_a_frame_come_to_the_same_picture(scene, renderer):
     found = errors(scene, renderer, picture, view)
     assert found.thickness_px <= 1.0
     assert found.psnr_db > 45.0
+
+
+def walked(renderer, technique, views, *, updates, seconds):
+    """The rays, and the budgets, of frames where rays take ``seconds``, a function of how many, and all else takes 3 ms."""
+    rays, budgets, done = [], [], None
+    for view in views:
+        budgets.append(Budget(updates=updates, done=done))
+        drawn(renderer, technique, view, budget=budgets[-1], measured=False)
+        rays.append(technique.latest.rays)
+        done = Done(finish=3e-3 + seconds(rays[-1]), finding=seconds(rays[-1]))
+    return rays, budgets
+
+
+def test_frames_that_cast_few_rays_do_not_make_rays_dear(scene, renderer):
+    """What a frame takes whatever it casts is no ray's cost: who turns then has rays for what comes into view."""
+    technique = RayCasting(scene, CastRules(near_field=NEAR))
+    slow = [look(scene, -140.0 + 0.001 * k, 0.0, 0.0) for k in range(40)]
+    aside = look(scene, -139.961, 0.0, 0.6)
+    rays, _ = walked(renderer, technique, [*slow, aside], updates=8e-3, seconds=lambda n: 1e-4 * (n > 0) + 2e-6 * n)
+    assert 0 < max(rays[20:40]) < 200
+    assert rays[-1] > 1000
+    assert technique.latest.late == technique.latest.unknown == 0
+
+
+def test_rays_take_what_they_may_and_recorded_budgets_give_the_same_rays(scene, renderer):
+    """Going fast, with rays that take ten times as long as is believed at first."""
+    views = [look(scene, -140.0 + 3.0 * k, 0.0, 0.0) for k in range(40)]
+    rules = CastRules(near_field=NEAR)
+    rays, budgets = walked(renderer, RayCasting(scene, rules), views, updates=5e-3, seconds=lambda n: 2e-5 * n)
+    assert rays[0] > 2000, "as is believed"
+    assert min(rays[20:]) * 2e-5 > 0.7 * 5e-3
+    assert max(rays[20:]) * 2e-5 < 1.4 * 5e-3
+    again = RayCasting(scene, rules)
+    for view, budget, count in zip(views, budgets, rays, strict=True):
+        drawn(renderer, again, view, budget=budget, measured=False)
+        assert again.latest.rays == count
