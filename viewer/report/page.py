@@ -125,6 +125,7 @@ def _page(report: Mapping[str, Any], folder: Path) -> str:
         table(report, TIMES),
         table(report, LOADING),
         table(report, RAYS),
+        *_casting(report),
         table(report, BOXES),
         table(report, MOVERS),
         glossary(report, (*LOADING, *RAYS, *BOXES, *MOVERS)),
@@ -161,7 +162,7 @@ def _summary(report: Mapping[str, Any]) -> str:
     if report["movers"] is not None:
         views += f", among {counted(report['movers']['objects'], 'moving object')} ({report['movers']['source']})"
     if report["budget_ms"] is not None:
-        views += f", with at most {plain(report['budget_ms'])} ms of a frame for updates"
+        views += f", with at most {plain(report['budget_ms'])} ms of a frame for updates and rays"
     if report.get("glint"):
         views += ", while windows mirror the sun,"
     made = (
@@ -188,6 +189,21 @@ def _times(report: Mapping[str, Any]) -> str:
         f"Each view was held for {report['held_frames']:,} frames, and the times of all of them count, those in which images "
         "were captured included. "
     )
+
+
+def _casting(report: Mapping[str, Any]) -> list[str]:
+    """By which rules rays were cast, as HTML; nothing where none were."""
+    rules = next((one["rays"] for one in report["techniques"].values() if one.get("rays") is not None), None)
+    if rules is None:
+        return []
+    most = "" if rules["most"] is None else f", at most {counted(rules['most'], 'ray')} a frame"
+    known = {"bound": "a bound for all that is far", "hits": "a measurement of each surface that was hit"}[
+        rules["reuse"]
+    ]
+    return [
+        f"<p>Rays find what is farther away than {plain(rules['near_field_m'])} m ({rules['caster']}{most}). What was cast "
+        f"before is shown again while it is off by {plain(rules['reuse_error_px'])} px at most ({known}).</p>"
+    ]
 
 
 def _verdict(verdict: Mapping[str, Any]) -> str:

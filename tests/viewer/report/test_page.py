@@ -378,7 +378,7 @@ def test_views_that_were_held_have_a_table_and_a_diagram_of_when_they_settled(tm
     third = [one for one in page.rows if one[0] == "multi-mesh"][2]
     assert third[1:] == [f"{one:.3g}" for one in shown]
     assert (
-        ", each of them held for 16 frames before it is scored, with at most 5 ms of a frame for updates, at"
+        ", each of them held for 16 frames before it is scored, with at most 5 ms of a frame for updates and rays, at"
         in page.text
     )
     assert "Each view was held for 16 frames, and the times of all of them count" in page.text
@@ -679,3 +679,26 @@ def test_every_field_is_described():
 
     parts = {"report": SCHEMA, **SCHEMA["$defs"]}
     assert [way for key, one in parts.items() for way in undescribed(one, (key,))] == []
+
+
+@pytest.mark.parametrize(("most", "reuse"), [(None, "bound"), (1500, "hits")])
+def test_the_rules_of_rays_are_told_where_some_were_cast(tmp_path, most, reuse):
+    report = report_of(False)
+    assert "Rays find" not in page_of(report, tmp_path).text
+    shares = ("covered", "sky", "reused", "hit", "missed", "late", "unknown")
+    report["techniques"]["local"]["rays"] = {
+        "near_field_m": 30.0,
+        "caster": "grid",
+        "reuse": reuse,
+        "reuse_error_px": 2.5,
+        "most": most,
+        "cast": 812.0,
+        "kept_px": 2.25,
+        **{f"{share}_share": 0.125 for share in shares},
+    }
+    assert list(VALIDATOR.iter_errors(report)) == []
+    text = page_of(report, tmp_path).text
+    limited = ", at most 1500 rays a frame" if most else ""
+    assert f"Rays find what is farther away than 30 m (grid{limited})." in text
+    known = "a bound for all that is far" if reuse == "bound" else "a measurement of each surface that was hit"
+    assert f"shown again while it is off by 2.5 px at most ({known})." in text
