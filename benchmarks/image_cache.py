@@ -4,8 +4,8 @@
     python benchmarks/image_cache.py examples/helsinki/helsinki.osm.pbf -o out/image-cache --only large --frames 60
 
 flat            section 5.1, figures 6 and 9: a flat scene of four levels below the first (the paper's has 341 boxes), a
-                diagonal walk of 120 frames, 2 m each: how many boxes are captured from triangles, combined, shown again, or drawn as they are;
-                and the map of them in every sixth frame
+                diagonal walk of 120 frames, 2 m each: how many boxes are captured from triangles, combined, shown again,
+                or drawn as they are; and the map of them in every sixth frame
 forest-aside    section 5.2, figures 7 and 8: sideways before a forest of 100 trees, 100 frames, with frame times beside full
 forest-zoom     the same from a corner towards its middle
 large           a city of seven million triangles laid out of CITY: frame times of full, of full culled by a grid, and of the

@@ -42,6 +42,11 @@ _FEW = 256
 """Triangles that are always drawn rather than an image of them: a draw takes as long."""
 
 
+_MANY = 2000
+"""Triangles of a node without an image that has a draw of its own: the set of all such nodes is another in each frame."""
+_MOST_WHOLES = 1024
+
+
 class CacheTally(NamedTuple):
     """What boxes of the cut were in ``frames``, in all: images captured from primitives (``new``) or from other images
     (``combined``), shown again (``reused``), or drawn as primitives (``impossible`` as images, or not worth one).
@@ -117,6 +122,7 @@ class ImageCache:
         self._atlases: Atlases
         self._least: NDArray[np.float64]
         self._direct: tuple[bytes, Faces] | None = None
+        self._wholes: dict[int, Faces] = {}
         self.owner = self.name
         """Whose images they are on the GPU."""
         self.tally = CacheTally()
@@ -144,8 +150,13 @@ class ImageCache:
         self._images.used[wanted[valid]] = self._frame
         self._update(wanted[~valid], view, frame)
         shown, late, more = self._shown(images[seen], frame)
-        drawn = np.concatenate([direct[within_view(self._corners[direct], view)], more])
-        draws: tuple[Draw, ...] = (*self._images.boards(shown, self._frame), *self._primitives(drawn))
+        many = self._counts[more] > _MANY
+        drawn = np.concatenate([direct[within_view(self._corners[direct], view)], more[~many]])
+        draws: tuple[Draw, ...] = (
+            *self._images.boards(shown, self._frame),
+            *self._primitives(drawn),
+            *(self._whole(node) for node in more[many].tolist()),
+        )
         self._count(frame, wanted[valid], np.concatenate([direct, more]), shown, late)
         return Plan((*draws, self._scene.ground_in(view), Sky()), requests=tuple(frame.requests), drops=drops)
 
@@ -303,6 +314,7 @@ class ImageCache:
         Without a valid image a node is drawn as what is within it. With a budget it may also be an image that is wrong.
         """
         shown, late, drawn = [], [], []
+        images_within = self._images_within()
         waiting = nodes
         while len(waiting):
             valid = self._images.valid(waiting, frame.eye)
@@ -312,13 +324,29 @@ class ImageCache:
                 wrong = np.isfinite(self._images.errors(left, frame.eye)) & self._images.there[left]
                 late.append(left[wrong])
                 left = left[~wrong]
-            ends = self._leaf[left] | (self._counts[left] <= _FEW)
+            ends = self._leaf[left] | (self._counts[left] <= _FEW) | ~images_within[left]
             drawn.append(left[ends])
             waiting = _children(self._tree, left[~ends])
         wrongly = np.concatenate([np.zeros(0, dtype=np.int64), *late])
         found = np.concatenate([np.zeros(0, dtype=np.int64), *shown, wrongly])
         self._images.used[found] = self._frame
         return found, wrongly, np.concatenate([np.zeros(0, dtype=np.int64), *drawn])
+
+    def _images_within(self) -> NDArray[np.bool_]:
+        """(n,) which nodes have an image, or hold one that has."""
+        found = self._images.there.copy()
+        levels = self._tree.levels
+        for first, end in zip(levels[-2:0:-1], levels[:1:-1], strict=True):
+            found[self._tree.parents[first:end][found[first:end]]] = True
+        return found
+
+    def _whole(self, node: int) -> Faces:
+        """What draws all triangles of a node, which the renderer keeps: it is drawn until the node has an image."""
+        if node not in self._wholes:
+            if len(self._wholes) >= _MOST_WHOLES:
+                self._wholes.clear()
+            self._wholes[node] = Faces(f"{self.owner} node {node}", self._triangles_of(np.array([node])))
+        return self._wholes[node]
 
     def _primitives(self, nodes: NDArray[np.int64]) -> tuple[Faces, ...]:
         """What draws all triangles of ``nodes``; the same nodes have the same key."""
