@@ -20,7 +20,7 @@ from mmi.foundation.errors import ParameterError
 from mmi.walks.walk import Pose
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.measuring.view_errors import WrongRegions, wrong_regions
-from viewer.plan import CellLayers, Objects, Plan, Relief
+from viewer.plan import CellLayers, Nailboards, Objects, Plan, Relief
 from viewer.runtime.loop import Frame, FrameLoop
 from viewer.techniques.catalogue import REFERENCE, find_technique, make_technique
 from viewer.window.look import Look
@@ -288,6 +288,7 @@ def _counted(plan: Plan) -> dict[str, int]:
     """How many layers are drawn as they are stored, are captured now, and were captured before; and near objects."""
     stored = sum(len(draw.names) for draw in plan.draws if isinstance(draw, CellLayers))
     reliefs = sum(len(draw.parts) for draw in plan.draws if isinstance(draw, Relief))
+    reliefs += sum(len(draw.depths) for draw in plan.draws if isinstance(draw, Nailboards))
     captured = len(plan.requests)
     near = sum(len(draw.objects) for draw in plan.draws if isinstance(draw, Objects))
     return {"stored": stored, "captured": captured, "reused": max(reliefs - captured, 0), "near": near}
