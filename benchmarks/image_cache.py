@@ -163,7 +163,8 @@ def plot_boxes(tallies: Sequence[CacheTally], out: Path, name: str, title: str, 
     axes.set_title(title, fontsize=SMALL + 2, loc="left")
     axes.set_yscale("symlog", linthresh=10.0)
     axes.tick_params(labelsize=SMALL)
-    axes.legend(fontsize=SMALL, frameon=False, ncols=5, loc="upper left", bbox_to_anchor=(0.0, 1.0))
+    axes.set_ylim(top=2e4)  # room for the legend
+    axes.legend(fontsize=SMALL, frameon=False, ncols=5, loc="upper left")
     tidy(axes)
     out.mkdir(parents=True, exist_ok=True)
     save(figure, out / f"{name}.png")

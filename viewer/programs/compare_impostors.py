@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 __all__ = ["compare_impostors"]
 
 _TECHNIQUES = "full,visible,local,single-mesh,multi-mesh"
-_MORE = ("multi-mesh-dynamic", "ray-cast")
-_OF_CITIES = "full,ray-cast"
+_MORE = ("multi-mesh-dynamic", "ray-cast", "image-cache")
+_OF_CITIES = "full,ray-cast,image-cache"
 """What is compared where a city is drawn as it was read."""
 _DISPLAY = (512, 512)
 _FOV = 60.0
@@ -106,7 +106,7 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         type=names_option,
         metavar="A,B,...",
         help=f"default: {_TECHNIQUES}; for a CITY {_OF_CITIES}, which is all that needs no dataset; there are also {_MORE[0]}, "
-        f"whose views want to be held (--settle), and {_MORE[1]}; package.module:function is a technique of your own (a "
+        f"whose views want to be held (--settle), {_MORE[1]} and {_MORE[2]}; package.module:function is a technique of your own (a "
         "function of the scene, in a module that can be imported or is in the current folder)",
     )
     add_reading_arguments(parser)
