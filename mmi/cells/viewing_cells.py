@@ -47,6 +47,8 @@ CLEARANCE = 0.05
 """Metres that every cell keeps from every building."""
 STEEPEST = 2.0
 """Metres that the ground may rise along a cell, unless that leaves it shorter than ``SHORT_PIECE``."""
+_STEP = 0.03
+"""Metres: what rises no higher above the ground is walked over, as floors and rugs are."""
 _NARROWEST = 0.2
 """Metres: a cell is at least this wide on either side of its axis. Where buildings leave less, the street is cut."""
 _REMNANT = 0.5
@@ -279,12 +281,12 @@ def _obstacles(city: City, eye: float) -> list[Polygon]:
     """Footprints of all prisms that stand on the ground, or less than ``eye`` metres above it."""
     prisms = [prism for one in city.objects for prism in one.prisms]
     if city.terrain is None:
-        return [one.footprint for one in prisms if one.bottom < city.ground + eye and one.top > city.ground]
+        return [one.footprint for one in prisms if one.bottom < city.ground + eye and one.top > city.ground + _STEP]
     if not prisms:
         return []
     low, high = city.terrain.range_over(shapely.bounds([one.footprint for one in prisms]))
     spans = zip(prisms, low.tolist(), high.tolist(), strict=True)
-    return [one.footprint for one, lowest, highest in spans if one.bottom < highest + eye and one.top > lowest]
+    return [one.footprint for one, lowest, highest in spans if one.bottom < highest + eye and one.top > lowest + _STEP]
 
 
 def _eye_bands(

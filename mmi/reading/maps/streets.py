@@ -5,6 +5,7 @@ OpenStreetMap ways meet where they share a node. Other lines meet where they tou
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -30,12 +31,13 @@ from mmi.reading.maps.heights import parse_metres
 from mmi.reading.raw_layers import RawStreet, StreetLayer, is_yes
 from mmi.reading.report import Ledger
 
-__all__ = ["graph_from_lines", "half_width", "moved_lines", "refusal", "street_kind"]
+__all__ = ["OUTDOORS", "graph_from_lines", "half_width", "moved_lines", "refusal", "street_kind"]
 
 _LANE_WIDTH = 3.0
 _SNAP = 0.1
 _SHORTEST = 1.0
-_HEADROOM = 2.5
+OUTDOORS = (-math.inf, 2.5)
+"""Heights above the ground, metres: where an object reaches between them, a street has no headroom."""
 _MARGIN = 200.0
 
 _HALF_WIDTHS = MappingProxyType({
@@ -139,11 +141,13 @@ def graph_from_lines(
     network: str,
     ground: Terrain | float,
     window: BaseGeometry | None,
+    clear: tuple[float, float] = OUTDOORS,
 ) -> nx.MultiGraph:
     """The street graph of ``City.streets``. ``shapes`` are the lines of ``layer.items`` in metres.
 
     Streets end at the ``window`` (the clip box, or None), 200 m outside the buildings' bounding box, and where they run into
-    an object that stands less than 2.5 m above the ground. Stretches under 1 m are dropped.
+    an object that stands less than 2.5 m above the ground; or, more generally, into one that reaches between the heights
+    ``clear`` (metres above the ground). Stretches under 1 m are dropped.
 
     Raises:
         CityError: no street is left; says which kinds there were.
@@ -177,7 +181,7 @@ def graph_from_lines(
         if i not in survivors:
             ledger.note("left out", "street: repeats another or too short", item.id)
     pieces = _clip(pieces, used, _window_around(objects, window), ledger)
-    pieces = _cut_at_objects(pieces, used, objects, ledger, ground=ground)
+    pieces = _cut_at_objects(pieces, used, objects, ledger, ground=ground, clear=clear)
     pieces = _without_scraps(pieces, used, ledger)
     if not pieces:
         raise CityError(
@@ -312,14 +316,16 @@ def _cut_at_objects(
     ledger: Ledger,
     *,
     ground: Terrain | float,
+    clear: tuple[float, float],
 ) -> list[_Piece]:
-    """What of the pieces lies outside the objects that leave no headroom."""
+    """What of the pieces lies outside the objects that reach between the heights ``clear`` above the ground."""
     if not pieces:
         return pieces
     prisms = [prism for one in objects for prism in one.prisms]
     walls = np.array([prism.footprint for prism in prisms], dtype=object)
     below = ground.range_over(shapely.bounds(walls))[1] if isinstance(ground, Terrain) else np.full(len(walls), ground)
-    walls = walls[np.array([prism.bottom for prism in prisms]) < below + _HEADROOM]
+    low, high = np.array([(prism.bottom, prism.top) for prism in prisms]).T
+    walls = walls[(low < below + clear[1]) & (high > below + clear[0])]
     shapes = np.array([piece.line for piece in pieces], dtype=object)
     hit, by = shapely.STRtree(walls).query(shapes, predicate="intersects")
     blockers: dict[int, list[int]] = {}

@@ -40,8 +40,9 @@ from mmi.reading.coordinates import (
 )
 from mmi.reading.ground.ground import ground_of_buildings, ground_of_file, ground_of_model, settled
 from mmi.reading.ground.open_space import open_space_layer
+from mmi.reading.ground.rooms import CLEAR, floor_below, opened
 from mmi.reading.maps.heights import FOOT
-from mmi.reading.maps.streets import graph_from_lines, moved_lines
+from mmi.reading.maps.streets import OUTDOORS, graph_from_lines, moved_lines
 from mmi.reading.models.mesh_files import is_mesh, read_meshes
 from mmi.reading.models.objects_from_meshes import objects_from_models
 from mmi.reading.raw_layers import BuildingLayer, ModelLayer, RawBuilding, StreetLayer
@@ -136,25 +137,33 @@ def city_of_model(
         shapes = [list(item.lines) for item in lines.items]
     else:
         shapes = moved_lines(lines, street_crs, frame)
+    paths = list(chain.from_iterable(shapes))
+    known_ground = terrain is not None or layer.terrain is not None
+    floor = None if lines is None or known_ground else floor_below(objects, paths)
     with step(progress, "setting the buildings on the ground"):
         bounds = coordinate_bounds([one.footprint for one in objects])
         ground: Terrain | float
-        if terrain is not None:
+        if floor is not None:
+            ledger.note("noted", "indoors: paths over a floor of the model", count=len(paths))
+            ground = floor
+        elif terrain is not None:
             ground = ground_of_file(terrain, frame, bounds, ledger, unit=terrain_unit)
         elif layer.terrain is not None:
             ground = ground_of_model(layer.terrain, move, bounds, ledger)
         else:
-            ground = ground_of_buildings(objects, list(chain.from_iterable(shapes)), bounds, ledger)
-        objects = settled(objects, ground, ledger)
+            ground = ground_of_buildings(objects, paths, bounds, ledger)
+        # Indoors things lie on one another and hang from the ceiling.
+        objects = settled(objects, ground, ledger) if floor is None else opened(objects, paths, floor)
     with step(progress, "joining the streets"):
         graph = graph_from_lines(
             lines,
             shapes,
             objects,
             ledger,
-            network=network,
+            network=network if floor is None else "all",
             ground=ground,
             window=None if clip is None else box_to_local_frame(clip, frame),
+            clear=OUTDOORS if floor is None else CLEAR,
         )
     flat_ground = 0.0 if isinstance(ground, Terrain) else ground
     rising = ground if isinstance(ground, Terrain) else None

@@ -32,7 +32,7 @@ from mmi.reading.raw_layers import ModelLayer
 from mmi.reading.report import Ledger
 from mmi.reading.steps import Progress, counted_step
 
-__all__ = ["objects_from_models"]
+__all__ = ["objects_from_models", "outline_within"]
 
 _FOOT = 1.0
 """Metres above a mesh's lowest point up to which its floor may lie or be missing."""
@@ -221,6 +221,17 @@ def _steps(corners: NDArray[np.float64], highest: NDArray[np.float64], low: floa
             break
         chosen = best
     return [float(ends[i]) for i in chosen[1:]]
+
+
+def outline_within(mesh: TriangleMesh, bottom: float, top: float) -> list[Polygon]:
+    """Polygons that cover what of a mesh may lie between the heights ``bottom`` and ``top`` (metres), seen from above.
+
+    Walls that bound nothing there are sheets of a few centimetres: of a hollow shell, the space inside stays open.
+    """
+    corners = mesh.vertices[mesh.triangles]
+    heights = corners[:, :, 2]
+    within = (heights.max(axis=1) >= bottom) & (heights.min(axis=1) <= top)
+    return _outline(_projected(corners[within]), corners[within]) if within.any() else []
 
 
 def _projected(corners: NDArray[np.float64]) -> NDArray[np.object_]:
