@@ -28,7 +28,7 @@ from mmi.cells.centre_lines import (
     split_evenly,
     streets_of,
 )
-from mmi.city.model import City
+from mmi.city.model import City, Prism
 from mmi.city.terrain import Terrain
 from mmi.foundation.errors import ParameterError
 
@@ -48,7 +48,7 @@ CLEARANCE = 0.05
 STEEPEST = 2.0
 """Metres that the ground may rise along a cell, unless that leaves it shorter than ``SHORT_PIECE``."""
 _STEP = 0.03
-"""Metres: what rises no higher above the ground is walked over, as floors and rugs are."""
+"""Metres: what rises no higher above the ground is walked over indoors, as floors and rugs are."""
 _NARROWEST = 0.2
 """Metres: a cell is at least this wide on either side of its axis. Where buildings leave less, the street is cut."""
 _REMNANT = 0.5
@@ -278,15 +278,23 @@ def _parts(piece: Piece, max_length: float, city: City) -> int:
 
 
 def _obstacles(city: City, eye: float) -> list[Polygon]:
-    """Footprints of all prisms that stand on the ground, or less than ``eye`` metres above it."""
+    """Footprints of all prisms that stand on the ground, or less than ``eye`` metres above it; indoors not floor and rugs."""
     prisms = [prism for one in city.objects for prism in one.prisms]
     if city.terrain is None:
-        return [one.footprint for one in prisms if one.bottom < city.ground + eye and one.top > city.ground + _STEP]
+        foot = city.ground + (_STEP if _indoors(city, prisms) else 0.0)
+        return [one.footprint for one in prisms if one.bottom < city.ground + eye and one.top > foot]
     if not prisms:
         return []
     low, high = city.terrain.range_over(shapely.bounds([one.footprint for one in prisms]))
     spans = zip(prisms, low.tolist(), high.tolist(), strict=True)
-    return [one.footprint for one, lowest, highest in spans if one.bottom < highest + eye and one.top > lowest + _STEP]
+    return [one.footprint for one, lowest, highest in spans if one.bottom < highest + eye and one.top > lowest]
+
+
+def _indoors(city: City, prisms: list[Prism]) -> bool:
+    """Whether all streets lie on floors: prisms that the flat ground is in, just below their tops."""
+    floors = [one.footprint for one in prisms if one.bottom < city.ground < one.top <= city.ground + _STEP]
+    lines = [edge["geometry"] for *_, edge in city.streets.edges(data=True)]
+    return bool(floors) and bool(shapely.covers(shapely.union_all(floors), lines).all())
 
 
 def _eye_bands(

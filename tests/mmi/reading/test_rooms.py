@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from shapely.geometry import LineString
 
 from citygen.scenes.living_room import living_room
+from citygen.scenes.paths import footways
 from mmi.cells.viewing_cells import viewing_cells
-from mmi.city.model import CityObject, Prism, TriangleMesh
+from mmi.city.model import City, CityObject, Prism, TriangleMesh
 from mmi.foundation.errors import CityError
 from mmi.reading.ground.rooms import CLEAR, floor_below, opened
 from mmi.reading.read_city import read_city
@@ -141,6 +142,24 @@ def test_only_hollow_objects_are_opened():
     assert walls.area < 0.5 * shell.footprint.area
     assert not walls.intersects(path)
     assert walls.intersects(LineString([(1, 4), (11, 4)]))
+
+
+@pytest.mark.parametrize("floored", [True, False])
+def test_rugs_are_stepped_over_on_floors_only(floored):
+    """Out of doors nothing changes: there a cell ends at whatever rises above the ground."""
+    rug = model("rug", ((4, 2, 0.001, 6, 6, 0.015), True))
+    floor = model("floor", ((0, 0, -0.2, 10, 8, 0), True))
+    city = City(
+        objects=(rug, floor) if floored else (rug,),
+        streets=footways([(1, 4), (9, 4)], [(0, 1, ())], half_width=0.5),
+        crs="local",
+        origin=(0.0, 0.0, 0.0),
+        source="rug",
+        ground=-0.01 if floored else 0.0,
+    )
+    cells = [data["cell"] for _, data in viewing_cells(city).nodes(data=True)]
+    assert len(cells) == (1 if floored else 2)
+    assert sum(cell.length for cell in cells) == pytest.approx(8.0 if floored else 5.5, abs=0.02)
 
 
 @given(st.lists(st.tuples(st.integers(-20, 60), st.integers(1, 30)), min_size=1, max_size=6))
