@@ -19,7 +19,7 @@ from shapely.geometry.base import BaseGeometry
 from mmi.city.model import CityObject, Prism, TriangleMesh
 from mmi.reading.models.objects_from_meshes import outline_within
 
-__all__ = ["CLEAR", "floor_below", "opened", "outline_with_rooms"]
+__all__ = ["CLEAR", "floor_below", "opened"]
 
 CLEAR = (0.03, 2.0)
 """Metres above the ground between which a path indoors is free: who walks steps over rugs, and passes below lintels."""
@@ -76,16 +76,6 @@ def opened(objects: Sequence[CityObject], lines: Sequence[LineString], ground: f
     return tuple(found)
 
 
-def outline_with_rooms(shape: BaseGeometry, inside: NDArray[np.float64]) -> list[Polygon]:
-    """The polygons of ``shape`` without those holes in which none of the places ``inside`` (n, 2) lies."""
-    points = MultiPoint(inside)
-    parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon"]
-    return [
-        Polygon(part.exterior, [ring for ring in part.interiors if shapely.intersects(Polygon(ring), points)])
-        for part in parts
-    ]
-
-
 def _hollow(mesh: TriangleMesh, low: float, high: float, inside: NDArray[np.float64]) -> list[Prism]:
     """Prisms that hold all of a mesh: between ``low`` and ``high`` its walls, and below and above these heights all of it."""
     base, top = float(mesh.vertices[:, 2].min()), float(mesh.vertices[:, 2].max())
@@ -94,9 +84,19 @@ def _hollow(mesh: TriangleMesh, low: float, high: float, inside: NDArray[np.floa
     for bottom, end in pairwise(stops):
         shape = shapely.union_all(outline_within(mesh, bottom, end))
         between = bottom >= low and end <= high
-        parts = outline_with_rooms(shape, inside) if between else list(shapely.get_parts(shape))
+        parts = _with_rooms(shape, inside) if between else list(shapely.get_parts(shape))
         prisms += [Prism(part, bottom, end) for part in parts]
     return prisms
+
+
+def _with_rooms(shape: BaseGeometry, inside: NDArray[np.float64]) -> list[Polygon]:
+    """The polygons of ``shape`` without those holes in which none of the places ``inside`` (n, 2) lies."""
+    points = MultiPoint(inside)
+    parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon"]
+    return [
+        Polygon(part.exterior, [ring for ring in part.interiors if shapely.intersects(Polygon(ring), points)])
+        for part in parts
+    ]
 
 
 def _places(paths: NDArray[np.object_]) -> NDArray[np.float64]:

@@ -130,6 +130,7 @@ def city_of_model(
         return points_to_local_frame(points, building_crs, frame)
 
     objects = objects_from_models(layer, move, ledger, progress=progress)
+    floor: float | None = None
     if lines is None:
         with step(progress, "looking for paths through the open space"):
             lines = open_space_layer(layer.file, np.array([one.footprint for one in objects], dtype=object), ledger)
@@ -137,9 +138,9 @@ def city_of_model(
         shapes = [list(item.lines) for item in lines.items]
     else:
         shapes = moved_lines(lines, street_crs, frame)
+        if terrain is None and layer.terrain is None:
+            floor = floor_below(objects, list(chain.from_iterable(shapes)))
     paths = list(chain.from_iterable(shapes))
-    known_ground = terrain is not None or layer.terrain is not None
-    floor = None if lines is None or known_ground else floor_below(objects, paths)
     with step(progress, "setting the buildings on the ground"):
         bounds = coordinate_bounds([one.footprint for one in objects])
         ground: Terrain | float
