@@ -209,9 +209,7 @@ def flat(scene: WalkScene, out: Path) -> None:
         if k % 6 == 0:
             kinds.append(technique.kinds)
     total = len(technique.tree.boxes)
-    print(
-        f"\nflat: {total} boxes (paper: 341), {len(places)} frames of {np.ptp(places[0].eye - places[1].eye):.2f} m or so"
-    )
+    print(f"\nflat: {total} boxes (paper: 341), {len(places)} frames of {_STEP:g} m")
     for kind in KINDS:
         counts = [getattr(one, kind) for one in tallies[1:]]
         print(
