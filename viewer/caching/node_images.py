@@ -127,7 +127,9 @@ class NodeImages:
         return found
 
     def boards(self, nodes: NDArray[np.int64], frame: int) -> tuple[Nailboards, ...]:
-        """What shows images of ``nodes`` (k,), those of an atlas together."""
+        """What shows images of ``nodes`` (k,), those of an atlas together. Raises KeyError for a node that has none."""
+        if (self._atlas[nodes] < 0).any():
+            raise KeyError(f"nodes that have images expected, found {nodes[self._atlas[nodes] < 0][0]} among them")
         found = []
         for number in np.unique(self._atlas[nodes]).tolist():
             some = nodes[self._atlas[nodes] == number]

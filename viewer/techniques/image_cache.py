@@ -243,11 +243,13 @@ class ImageCache:
         generation, inherited = 0, 0.0
         eager = self._rules.eager
         if not self._leaf[node] and (eager or frame.costs.captured * int(self._counts[node]) > most):
-            sources, rest = self._sources(node, frame)
+            found = self._sources(node, frame)
+            if found is None:
+                return False
+            sources, rest = found
         if len(sources):
             generation = 1 + int(self._images.generations[sources].max())
             inherited = float(self._images.handed_on(sources, frame.eye, self._frame).max())
-            self._images.used[sources] = self._frame
         slot = self._atlases.take(node, (width, height), generation, self._images.used, self._frame)
         if slot is None:
             self._images.drop(node)
@@ -271,11 +273,12 @@ class ImageCache:
         (frame.combined if len(sources) else frame.new).append(node)
         return True
 
-    def _sources(self, node: int, frame: _Frame) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _sources(self, node: int, frame: _Frame) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
         """What a node's image is drawn from: images of nodes within it, and nodes whose primitives are drawn.
 
         An image that there is serves where it may hand on what it is wrong by. Where there is none, a node of few enough
-        primitives gets one, which serves for longer than its parent's, and others are looked into.
+        primitives gets one, which serves for longer than its parent's, and others are looked into. None where the budget ends
+        before all of them have one: they are there in the next frame.
         """
         sources: list[int] = []
         rest: list[int] = []
@@ -295,9 +298,12 @@ class ImageCache:
                     rest.append(one)
                 elif usable[place]:
                     sources.append(one)
+                    self._images.used[one] = self._frame  # so that no other takes its place meanwhile
                 elif not small[place]:
                     deeper.append(one)
-                elif (frame.strict or frame.left > 0.0) and self._capture(one, captures, place, frame):
+                elif frame.left <= 0.0:
+                    return None
+                elif self._capture(one, captures, place, frame):
                     sources.append(one)
                 else:
                     rest.append(one)

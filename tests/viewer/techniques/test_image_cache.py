@@ -150,6 +150,32 @@ def test_with_a_budget_a_frame_captures_no_more_and_says_what_is_wrong(scene):
     assert technique.latest.kept_px <= 1.0
 
 
+@pytest.mark.parametrize("most", [2 * 64 * 64 * 16, 8 * 64 * 64 * 16])
+def test_images_that_others_are_made_of_are_not_given_up_meanwhile(scene, renderer, most):
+    """There are hardly more places than one node's parts need, and the viewer leaves what is there behind."""
+    technique = ImageCache(scene, CacheRules(eager=True, leaf_triangles=10, largest=64, bytes=most))
+    for k in range(80):
+        view = look(scene, -600.0 + 9.0 * k, -500.0, 0.7, 0.0, 30.0)
+        picture = drawn(renderer, technique, view)
+        if k % 20 == 0:
+            assert errors(scene, renderer, picture, view).thickness_px <= 2.0
+    assert technique.tally.new > 0
+
+
+def test_a_budget_captures_parts_first_and_never_all_primitives_at_once(scene):
+    """A node whose parts have no images yet waits for them, frame by frame."""
+    dear = BUDGET.costs._replace(captured=1e-3, request=1e-3, relief=1e-9, draw=1e-6)
+    technique = ImageCache(scene, CacheRules(eager=True, leaf_triangles=10))
+    view = look(scene, -400.0, -300.0, 0.6, 0.0, 20.0)
+    largest = 0
+    for _ in range(60):
+        plan = technique.plan(view, now=0.0, budget=Budget(updates=5e-3, costs=dear))
+        drawn_at_once = [sum(len(d.triangles) for d in one.draws if isinstance(d, Faces)) for one in plan.requests]
+        largest = max(largest, *drawn_at_once, 0)
+    assert 0 < largest <= 200
+    assert technique.latest.reused > 0
+
+
 def test_a_budget_of_nothing_is_the_geometry(scene, renderer):
     technique = ImageCache(scene, EAGER)
     view = look(scene, *VIEWS[0])
