@@ -366,11 +366,7 @@ class ImageCache:
 
     def _triangles_of(self, nodes: NDArray[np.int64]) -> NDArray[np.int32]:
         """Triangles of some nodes, each once, in the mesh's order: of surfaces that coincide, the first is seen."""
-        ranges = self._tree.ranges[nodes]
-        counts = ranges[:, 1] - ranges[:, 0]
-        ends = np.cumsum(counts)
-        places = np.arange(int(counts.sum())) + np.repeat(ranges[:, 0] - (ends - counts), counts)
-        return np.unique(self._tree.references[places])
+        return np.unique(self._tree.references[_runs(self._tree.ranges[nodes])])
 
     def _count(
         self,
@@ -395,8 +391,12 @@ class ImageCache:
 
 def _children(tree: BoxTree, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
     """All children of ``nodes`` (k,)."""
-    ranges = tree.children[nodes].astype(np.int64)
+    return _runs(tree.children[nodes].astype(np.int64))
+
+
+def _runs(ranges: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The numbers of all ``ranges`` (k, 2), one range after the other."""
     counts = ranges[:, 1] - ranges[:, 0]
-    ends = np.cumsum(counts)
-    found: NDArray[np.int64] = np.arange(int(counts.sum())) + np.repeat(ranges[:, 0] - (ends - counts), counts)
+    begun = np.cumsum(counts) - counts
+    found: NDArray[np.int64] = np.arange(int(counts.sum())) + np.repeat(ranges[:, 0] - begun, counts)
     return found
