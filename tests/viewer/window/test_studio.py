@@ -56,7 +56,15 @@ def settled(studio, client):
 
 def test_what_a_page_is_told(studio):
     about = studio.about()
-    assert about["techniques"] == ["full", "visible", "local", "multi-mesh", "multi-mesh-dynamic", "ray-cast"]
+    assert about["techniques"] == [
+        "full",
+        "visible",
+        "local",
+        "multi-mesh",
+        "multi-mesh-dynamic",
+        "ray-cast",
+        "image-cache",
+    ]
     assert about["display"] == [256, 256]
     assert about["fov_degrees"] == pytest.approx(60.0)
     assert about["look"]["mode"] == "swipe"

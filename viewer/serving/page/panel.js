@@ -50,7 +50,7 @@ export function panel({ change, note, download, copyLink, ask, send, save, scale
     const limit = now.threshold_px ?? hello?.max_error_px ?? 0;
     threshold.value = limit;
     byId("threshold-text").textContent = now.threshold_px === null ? `${limit} px, as built` : `${limit} px`;
-    const renewing = /dynamic|ray-cast|:/.test(`${now.mode === "one" ? "" : now.left} ${now.right}`);
+    const renewing = /dynamic|ray-cast|image-cache|:/.test(`${now.mode === "one" ? "" : now.left} ${now.right}`);
     byId("static").hidden = renewing;
     budget.disabled = !renewing;
   }
