@@ -27,6 +27,7 @@ from mmi.appearance.shading import Looks, contact, light, looks_of
 from mmi.appearance.texture_atlas import pack_atlas
 from mmi.city.model import PAINTED, City
 from mmi.city.outlines import outlines_of
+from mmi.city.ranges import numbers_in
 from mmi.city.triangulate import triangulate
 
 __all__ = ["CityMesh", "build_city_mesh", "mesh_of", "object_boxes", "triangles_of"]
@@ -334,9 +335,8 @@ def _interleave(corners: list[NDArray[np.float64]]) -> NDArray[np.float64]:
 
 def _ranges(offsets: NDArray[np.int64], chosen: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Indices in the chosen ranges [offsets[i], offsets[i + 1]), one after the other, and the offsets of the result."""
-    counts = offsets[chosen + 1] - offsets[chosen]
-    ends = np.concatenate([[0], np.cumsum(counts)])
-    return np.arange(ends[-1]) + np.repeat(offsets[chosen] - ends[:-1], counts), ends
+    firsts, ends = offsets[chosen], offsets[chosen + 1]
+    return numbers_in(firsts, ends), np.concatenate([[0], np.cumsum(ends - firsts)])
 
 
 def _assemble(surfaces: Sequence[Surfaces], objects: int, texture: NDArray[np.uint8]) -> CityMesh:

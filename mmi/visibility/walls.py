@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mmi.city.model import City
 from mmi.city.outlines import outlines_of
+from mmi.city.ranges import numbers_in
 
 __all__ = ["Walls", "walls_of"]
 
@@ -28,9 +29,7 @@ class Walls:
 
     def of(self, objects: NDArray[np.int64]) -> NDArray[np.int64]:
         """Indices of the walls of ``objects``, object after object."""
-        counts = self.first[objects + 1] - self.first[objects]
-        starts = np.repeat(self.first[objects] - (np.cumsum(counts) - counts), counts)
-        return starts + np.arange(counts.sum())
+        return numbers_in(self.first[objects], self.first[objects + 1])
 
 
 def walls_of(city: City) -> Walls:

@@ -19,8 +19,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from mmi.city.ranges import numbers_in
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.kernels import kernel
 
@@ -66,10 +67,13 @@ class BoxTree:
         """(n,) How many references a node holds: a triangle in several leaves counts several times."""
         return self.ranges[:, 1] - self.ranges[:, 0]
 
-    def triangles_of(self, node: int) -> NDArray[np.int32]:
-        """The triangles of a node, ascending, each once."""
-        first, end = self.ranges[node]
-        return np.unique(self.references[first:end])
+    def children_of(self, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The children of some ``nodes`` (k,), one family after the other."""
+        return numbers_in(*self.children[nodes].T)
+
+    def triangles_of(self, nodes: ArrayLike) -> NDArray[np.int32]:
+        """The triangles of a node, or of some ``nodes`` (k,), ascending, each once."""
+        return np.unique(self.references[numbers_in(*self.ranges[np.atleast_1d(nodes)].T)])
 
 
 def box_tree(
@@ -138,11 +142,9 @@ class _Level(NamedTuple):
 
     def only(self, some: NDArray[np.int64]) -> _Level:
         """Those with the numbers ``some`` (k,)."""
-        counts = np.diff(self.starts)[some]
-        ends = np.cumsum(counts)
-        places = np.repeat(self.starts[some] - ends + counts, counts) + np.arange(counts.sum())
-        starts = np.concatenate([np.zeros(1, dtype=np.int64), ends])
-        return _Level(self.references[places], starts, self.cells[some], self.boxes[some])
+        firsts, ends = self.starts[some], self.starts[some + 1]
+        starts = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(ends - firsts)])
+        return _Level(self.references[numbers_in(firsts, ends)], starts, self.cells[some], self.boxes[some])
 
 
 class _Generation(NamedTuple):

@@ -40,8 +40,6 @@ _WORTH_COMBINING = 10.0
 """Times what a request takes by itself: a node whose primitives take no longer is captured from them."""
 _FEW = 256
 """Triangles that are always drawn rather than an image of them: a draw takes as long."""
-
-
 _MANY = 2000
 """Triangles of a node without an image that has a draw of its own: the set of all such nodes is another in each frame."""
 _MOST_WHOLES = 1024
@@ -241,8 +239,7 @@ class ImageCache:
         most = max(2.0 * frame.costs.relief * width * height, _WORTH_COMBINING * frame.costs.request)
         sources, rest = np.zeros(0, dtype=np.int64), np.array([node])
         generation, inherited = 0, 0.0
-        eager = self._rules.eager
-        if not self._leaf[node] and (eager or frame.costs.captured * int(self._counts[node]) > most):
+        if not self._leaf[node] and (self._rules.eager or frame.costs.captured * int(self._counts[node]) > most):
             found = self._sources(node, frame)
             if found is None:
                 return False
@@ -258,7 +255,7 @@ class ImageCache:
             captures.eye_from_world[place], self._images.sharpness.texel_focal, (*captures.windows[place].tolist(),)
         )
         draws: list[Draw] = list(self._images.boards(sources, self._frame))
-        numbers = self._triangles_of(rest)
+        numbers = self._tree.triangles_of(rest)
         if len(numbers):
             draws.append(Faces("", numbers, captures.boxes[place]))
         request = Request(slot, view, tuple(draws))
@@ -282,16 +279,16 @@ class ImageCache:
         """
         sources: list[int] = []
         rest: list[int] = []
-        waiting = _children(self._tree, np.array([node]))
+        waiting = self._tree.children_of(np.array([node]))
         limit = _HANDED_ON * self._images.limit
-        costs = frame.costs
+        costs, thrifty = frame.costs, not self._rules.eager
         while len(waiting):
             captures = captures_of(frame.eye, self._tree.boxes[waiting], self._images.sharpness)
             usable = self._images.handed_on(waiting, frame.eye, self._frame) <= limit
             pixels = captures.windows[:, 2].astype(np.float64) * captures.windows[:, 3]
             takes = costs.captured * self._counts[waiting]
-            few = (takes <= costs.draw + costs.relief * pixels) & ~np.bool_(self._rules.eager)
-            small = self._leaf[waiting] | ((takes <= _WORTH_COMBINING * costs.request) & ~np.bool_(self._rules.eager))
+            few = thrifty & (takes <= costs.draw + costs.relief * pixels)
+            small = self._leaf[waiting] | (thrifty & (takes <= _WORTH_COMBINING * costs.request))
             deeper: list[int] = []
             for place, one in enumerate(waiting.tolist()):
                 if few[place]:
@@ -307,7 +304,7 @@ class ImageCache:
                     sources.append(one)
                 else:
                     rest.append(one)
-            waiting = _children(self._tree, np.array(deeper, dtype=np.int64))
+            waiting = self._tree.children_of(np.array(deeper, dtype=np.int64))
         return np.array(sources, dtype=np.int64), np.array(rest, dtype=np.int64)
 
     # ---------------------------------------------------------------------------------------------------- drawing
@@ -320,7 +317,6 @@ class ImageCache:
         Without a valid image a node is drawn as what is within it. With a budget it may also be an image that is wrong.
         """
         shown, late, drawn = [], [], []
-        images_within = self._images_within()
         waiting = nodes
         while len(waiting):
             valid = self._images.valid(waiting, frame.eye)
@@ -330,9 +326,11 @@ class ImageCache:
                 wrong = np.isfinite(self._images.errors(left, frame.eye)) & self._images.there[left]
                 late.append(left[wrong])
                 left = left[~wrong]
-            ends = self._leaf[left] | (self._counts[left] <= _FEW) | ~images_within[left]
+            if not len(left):
+                break
+            ends = self._leaf[left] | (self._counts[left] <= _FEW) | ~self._images_within()[left]
             drawn.append(left[ends])
-            waiting = _children(self._tree, left[~ends])
+            waiting = self._tree.children_of(left[~ends])
         wrongly = np.concatenate([np.zeros(0, dtype=np.int64), *late])
         found = np.concatenate([np.zeros(0, dtype=np.int64), *shown, wrongly])
         self._images.used[found] = self._frame
@@ -351,22 +349,21 @@ class ImageCache:
         if node not in self._wholes:
             if len(self._wholes) >= _MOST_WHOLES:
                 self._wholes.clear()
-            self._wholes[node] = Faces(f"{self.owner} node {node}", self._triangles_of(np.array([node])))
+            self._wholes[node] = Faces(f"{self.owner} node {node}", self._tree.triangles_of(node))
         return self._wholes[node]
 
     def _primitives(self, nodes: NDArray[np.int64]) -> tuple[Faces, ...]:
-        """What draws all triangles of ``nodes``; the same nodes have the same key."""
+        """What draws all triangles of ``nodes``; the same nodes have the same key.
+
+        They are in the mesh's order, each once: of surfaces that coincide, the first is seen.
+        """
         if not len(nodes):
             return ()
         told = np.sort(nodes).tobytes()
         if self._direct is None or self._direct[0] != told:
             key = f"{self.owner} {blake2b(told, digest_size=8).hexdigest()}"
-            self._direct = told, Faces(key, self._triangles_of(nodes))
+            self._direct = told, Faces(key, self._tree.triangles_of(nodes))
         return (self._direct[1],)
-
-    def _triangles_of(self, nodes: NDArray[np.int64]) -> NDArray[np.int32]:
-        """Triangles of some nodes, each once, in the mesh's order: of surfaces that coincide, the first is seen."""
-        return np.unique(self._tree.references[_runs(self._tree.ranges[nodes])])
 
     def _count(
         self,
@@ -387,16 +384,3 @@ class ImageCache:
         new, combined = len(frame.new), len(frame.combined)
         self.latest = CacheTally(1, new, combined, len(reused), len(direct), len(late), kept, self._atlases.bytes)
         self.tally = self.tally.plus(self.latest)
-
-
-def _children(tree: BoxTree, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
-    """All children of ``nodes`` (k,)."""
-    return _runs(tree.children[nodes].astype(np.int64))
-
-
-def _runs(ranges: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The numbers of all ``ranges`` (k, 2), one range after the other."""
-    counts = ranges[:, 1] - ranges[:, 0]
-    begun = np.cumsum(counts) - counts
-    found: NDArray[np.int64] = np.arange(int(counts.sum())) + np.repeat(ranges[:, 0] - begun, counts)
-    return found

@@ -4,18 +4,17 @@ import math
 
 import numpy as np
 import pytest
+from techniques_drawn import BUDGET, drawn, errors, look
 
 from mmi.foundation.camera import view_towards
 from mmi.foundation.errors import ParameterError
 from viewer.caching.rules import CacheRules
 from viewer.drawing.renderer import Renderer
-from viewer.measuring.view_errors import view_errors
 from viewer.plan import Budget, Faces, Nailboards
 from viewer.techniques.catalogue import make_technique
 from viewer.techniques.geometry import FullGeometry
 from viewer.techniques.image_cache import ImageCache
 
-BUDGET = Budget()
 EAGER = CacheRules(eager=True, leaf_triangles=20)
 VIEWS = [
     (-140.0, 0.0, 0.0, 0.0, 1.7),
@@ -32,20 +31,6 @@ def renderer(scene):
     camera = scene.camera
     with Renderer(scene.mesh, scene.ground, size=(camera.width, camera.height), measured=True) as made:
         yield made
-
-
-def look(scene, x, y, azimuth, pitch=0.0, height=1.7):
-    return view_towards(np.array([x, y, height]), azimuth, pitch, focal=scene.camera.focal, window=scene.camera.window)
-
-
-def drawn(renderer, technique, view, *, measured=True, budget=BUDGET):
-    return renderer.draw(technique.plan(view, now=0.0, budget=budget), view, measured=measured)
-
-
-def errors(scene, renderer, picture, view):
-    truth = drawn(renderer, FullGeometry(scene), view)
-    nowhere = np.zeros(truth.depth.shape, dtype=bool)
-    return view_errors(truth, picture, focal=scene.camera.focal, disoccluded=nowhere, flip=False)
 
 
 def walk(scene, frames, step=0.1):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from cut_out_cities import street_of_trees
 from selection import with_slow
+from techniques_drawn import BUDGET, drawn, errors, look
 
 from mmi.foundation.camera import Camera, view_towards
 from viewer.casting.rules import CastRules
@@ -14,7 +15,6 @@ from viewer.scene.scene import scene_of_city
 from viewer.techniques.geometry import FullGeometry
 from viewer.techniques.ray_cast import RayCasting
 
-BUDGET = Budget()
 NEAR = 20.0  # much of the crossroads is far
 
 
@@ -23,20 +23,6 @@ def renderer(scene):
     camera = scene.camera
     with Renderer(scene.mesh, scene.ground, size=(camera.width, camera.height), measured=True) as made:
         yield made
-
-
-def look(scene, x, y, azimuth, pitch=0.0, height=1.7):
-    return view_towards(np.array([x, y, height]), azimuth, pitch, focal=scene.camera.focal, window=scene.camera.window)
-
-
-def drawn(renderer, technique, view, *, measured=True, budget=BUDGET):
-    return renderer.draw(technique.plan(view, now=0.0, budget=budget), view, measured=measured)
-
-
-def errors(scene, renderer, picture, view):
-    truth = drawn(renderer, FullGeometry(scene), view)
-    nowhere = np.zeros(truth.depth.shape, dtype=bool)
-    return view_errors(truth, picture, focal=scene.camera.focal, disoccluded=nowhere, flip=False)
 
 
 VIEWS = [
