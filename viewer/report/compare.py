@@ -26,7 +26,6 @@ from mmi.foundation.errors import ParameterError
 from mmi.foundation.progress import Progress, silent
 from mmi.foundation.whole_files import real_path
 from mmi.walks.walk import Step, Walk
-from viewer.casting.frame import CastTally
 from viewer.cells.cell_cache import CacheReport
 from viewer.cells.scene_cache import cell_cache
 from viewer.drawing.renderer import Renderer
@@ -35,31 +34,24 @@ from viewer.measuring.summary import settling_summary
 from viewer.plan import Budget
 from viewer.report.baseline import single_mesh_scene
 from viewer.report.entries import (
-    boxes_of,
     by_technique,
-    cached_of,
-    casts_of,
     frame_series,
     loading_of,
-    movers_of,
     pops_of,
-    rays_of,
     report_of,
     scored_views,
-    tallies_of,
     technique_of,
     worst_views,
 )
 from viewer.report.held_views import HeldView, alike_after, held_again, hold_view, layers_shown, settled_frames
 from viewer.report.options import OF_CITIES, CompareOptions
 from viewer.report.page import write_report
+from viewer.report.tallies import Tallies, tallied, tallies_of
 from viewer.report.walk_scores import score_walk, spread
 from viewer.runtime.calibration import calibrated
 from viewer.runtime.loop import Frame, FrameLoop, FrameTimes, run_walk
 from viewer.scene.scene import WalkScene, open_scene, scene_of_city
 from viewer.techniques.catalogue import MAIN, REFERENCE, make_technique, refuse_without_dataset
-from viewer.techniques.image_cache import CacheTally
-from viewer.techniques.virtual_frames import FrameTally
 from viewer.walks.random_views import random_views
 
 __all__ = ["CompareOptions", "compare_views", "compare_walk"]
@@ -96,9 +88,7 @@ def compare_views(
     settled: dict[str, list[int | None]] = {entry.name: [] for entry in options.entries}
     alike: dict[str, list[int | None]] = {entry.name: [] for entry in options.entries}
     layers: list[int] | None = None if main.built is None else []
-    tallies: dict[str, list[FrameTally]] = {entry.name: [] for entry in options.entries}
-    casts: dict[str, list[CastTally]] = {entry.name: [] for entry in options.entries}
-    boxes: dict[str, list[CacheTally]] = {entry.name: [] for entry in options.entries}
+    tallies: dict[str, list[Tallies]] = {entry.name: [] for entry in options.entries}
     with (
         Renderer(
             main.mesh, main.ground, size=size, samples=options.samples, movers=main.movers, glint=options.glint
@@ -114,12 +104,7 @@ def compare_views(
                 layers.append(layers_shown(make_technique(MAIN, scenes).plan(view, now=0.0, budget=Budget())))
             for entry in options.entries:
                 technique = make_technique(
-                    entry,
-                    scenes,
-                    rays=options.rays,
-                    images=options.images,
-                    frames=options.mover_frames,
-                    at=options.movers_time,
+                    entry, scenes, rules=options.rules, frames=options.mover_frames, at=options.movers_time
                 )
                 found = hold_view(
                     technique,
@@ -132,9 +117,7 @@ def compare_views(
                     costs=costs[entry.name],
                 )
                 costs[entry.name] = found.costs
-                tallies[entry.name] += tallies_of(technique)
-                casts[entry.name] += casts_of(technique)
-                boxes[entry.name] += boxes_of(technique)
+                tallies[entry.name].append(tallies_of(technique))
                 settled[entry.name].append(settled_frames(technique, renderer, cache, view, found))
                 held[entry.name].append(replace(found, plans=()))  # which may hold on to all that a technique has seen
     compared = [entry for entry in options.entries if entry.name != REFERENCE]
@@ -150,12 +133,7 @@ def compare_views(
             truth = judge.truth(reference.plan(view, now=0.0, budget=Budget()), pose, cell)
             for entry in compared:
                 technique = make_technique(
-                    entry,
-                    scenes,
-                    rays=options.rays,
-                    images=options.images,
-                    frames=options.mover_frames,
-                    at=options.movers_time,
+                    entry, scenes, rules=options.rules, frames=options.mover_frames, at=options.movers_time
                 )
                 with held_again(technique, renderer, cache, view, held[entry.name][done]) as plans:
                     held_longer = options.settle > 1  # otherwise nobody is told after how many frames
@@ -179,9 +157,7 @@ def compare_views(
             settling=settling_summary(alike[entry.name], settled[entry.name], layers, held=options.settle)
             if entry.name in scores and options.settle > 1
             else None,
-            movers=movers_of(tallies[entry.name]),
-            rays=rays_of(casts[entry.name], main, options.rays),
-            boxes=cached_of(boxes[entry.name], options.images),
+            tallied=tallied(tallies[entry.name], main, options.rules),
         )
         for entry in options.entries
     }
@@ -219,9 +195,7 @@ def compare_walk(
 
     runs: dict[str, list[FrameTimes]] = {}
     loads: dict[str, CacheReport] = {}
-    tallies: dict[str, list[FrameTally]] = {}
-    casts: dict[str, list[CastTally]] = {}
-    boxes: dict[str, list[CacheTally]] = {}
+    tallies: dict[str, list[Tallies]] = {}
     size = (main.camera.width, main.camera.height)
     with Renderer(main.mesh, main.ground, size=size, samples=options.samples, movers=main.movers) as renderer:
         device = renderer.device
@@ -234,9 +208,7 @@ def compare_walk(
             ) as renderer,
             cell_cache(scenes, renderer, capacity=options.cache) as cache,
         ):
-            technique = make_technique(
-                entry, scenes, fade=options.fade, rays=options.rays, images=options.images, frames=options.mover_frames
-            )
+            technique = make_technique(entry, scenes, rules=options.rules, frames=options.mover_frames)
             loop = FrameLoop(
                 technique,
                 renderer,
@@ -248,9 +220,7 @@ def compare_walk(
             )
             runs[entry.name] = run_walk(steps, loop, shown=_telling(tell, number * len(steps), frames))
             loads[entry.name] = cache.report
-            tallies[entry.name] = tallies_of(technique)
-            casts[entry.name] = casts_of(technique)
-            boxes[entry.name] = boxes_of(technique)
+            tallies[entry.name] = [tallies_of(technique)]
     tell(frames, frames, "frames timed")
 
     found = score_walk(main, scenes, steps, runs, out, options, tell)
@@ -268,9 +238,7 @@ def compare_walk(
                 frames=sum(frame.done.requests.requests > 0 for frame in runs[entry.name]),
             ),
             loading=loading_of(loads[entry.name], runs[entry.name]) if entry.layered else None,
-            movers=movers_of(tallies[entry.name]),
-            rays=rays_of(casts[entry.name], main, options.rays),
-            boxes=cached_of(boxes[entry.name], options.images),
+            tallied=tallied(tallies[entry.name], main, options.rules),
         )
         for entry in options.entries
     }

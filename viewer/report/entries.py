@@ -10,38 +10,26 @@ from typing import Any
 
 import numpy as np
 
-from viewer.caching.rules import CacheRules
-from viewer.casting.frame import CastTally
-from viewer.casting.rules import CastRules
 from viewer.cells.cell_cache import CacheReport
 from viewer.measuring.judge import Judge, Scored
 from viewer.measuring.summary import ERRORS, frame_summary, summarise
-from viewer.plan import Done, Technique
+from viewer.plan import Done
 from viewer.report.options import CompareOptions
 from viewer.report.pictures import save_picture, triptych
 from viewer.report.promise import display_of, source_of, verdict_of
+from viewer.report.tallies import NOTHING_TALLIED
 from viewer.runtime.loop import FrameTimes
 from viewer.scene.scene import WalkScene
 from viewer.techniques.catalogue import MAIN, REFERENCE, TechniqueEntry
-from viewer.techniques.image_cache import CacheTally, ImageCache
-from viewer.techniques.ray_cast import RayCasting, limit_px
-from viewer.techniques.virtual_frames import FrameTally
-from viewer.techniques.with_movers import WithMovers
 
 __all__ = [
-    "boxes_of",
     "by_technique",
-    "cached_of",
-    "casts_of",
     "frame_series",
     "gpu_times",
     "loading_of",
-    "movers_of",
     "pops_of",
-    "rays_of",
     "report_of",
     "scored_views",
-    "tallies_of",
     "technique_of",
     "worst_views",
 ]
@@ -102,14 +90,12 @@ def technique_of(
     pop: dict[str, Any] | None = None,
     update_pop: dict[str, Any] | None = None,
     loading: dict[str, Any] | None = None,
-    movers: dict[str, Any] | None = None,
-    rays: dict[str, Any] | None = None,
-    boxes: dict[str, Any] | None = None,
+    tallied: Mapping[str, Any] = NOTHING_TALLIED,
 ) -> dict[str, Any]:
     """What the report says of a technique: its ``scored`` views, None for the reference, which nothing is wrong with.
 
     ``seconds``, ``gpu`` and ``done`` have a value for each of its frames: what it took, what the GPU says of that, and what
-    was done. A frame should take ``target`` seconds.
+    was done. A frame should take ``target`` seconds. ``tallied`` is what :func:`viewer.report.tallies.tallied` says of it.
     """
     origin = entry.origin
     return {
@@ -124,9 +110,7 @@ def technique_of(
         "late_share": float(np.mean([one > _LATE * target for one in seconds])),
         **_mean_done(done),
         "loading": loading,
-        "movers": movers,
-        "rays": rays,
-        "boxes": boxes,
+        **tallied,
     }
 
 
@@ -140,79 +124,6 @@ def _movers_told(scene: WalkScene, options: CompareOptions, mode: str) -> dict[s
         "max_error_px": options.mover_frames.limit_px,
         "calculation": options.mover_frames.calculation,
         "time_s": options.movers_time if mode == "views" else None,
-    }
-
-
-def tallies_of(technique: Technique) -> list[FrameTally]:
-    """What a technique drew of movers, if there were any."""
-    return [technique.tally] if isinstance(technique, WithMovers) else []
-
-
-def casts_of(technique: Technique) -> list[CastTally]:
-    """What pixels were of a technique that casts rays."""
-    inner = technique.technique if isinstance(technique, WithMovers) else technique
-    return [inner.tally] if isinstance(inner, RayCasting) else []
-
-
-def rays_of(tallies: Sequence[CastTally], scene: WalkScene, rules: CastRules) -> dict[str, Any] | None:
-    """What pixels were over all ``tallies``, as shares of all, and by which rules; None where no rays are cast."""
-    if not tallies:
-        return None
-    sum_ = CastTally()
-    for one in tallies:
-        sum_ = sum_.plus(one)
-    counts = sum_._asdict()
-    frames, kept = max(counts.pop("frames"), 1), counts.pop("kept_px")
-    pixels = max(sum(counts.values()), 1)
-    return {
-        "near_field_m": rules.near_field,
-        "caster": rules.caster,
-        "reuse": rules.reuse,
-        "reuse_error_px": limit_px(scene, rules),
-        "most": rules.rays,
-        "cast": sum_.rays / frames,
-        **{f"{name}_share": count / pixels for name, count in counts.items()},
-        "kept_px": kept,
-    }
-
-
-def boxes_of(technique: Technique) -> list[CacheTally]:
-    """What boxes were of a technique that caches images of them."""
-    inner = technique.technique if isinstance(technique, WithMovers) else technique
-    return [inner.tally] if isinstance(inner, ImageCache) else []
-
-
-def cached_of(tallies: Sequence[CacheTally], rules: CacheRules) -> dict[str, Any] | None:
-    """What boxes were over all ``tallies``, a frame, and by which rules; None where there are none."""
-    if not tallies:
-        return None
-    sum_ = CacheTally()
-    for one in tallies:
-        sum_ = sum_.plus(one)
-    counts = sum_._asdict()
-    frames, kept, most = max(counts.pop("frames"), 1), counts.pop("kept_px"), counts.pop("bytes")
-    return {
-        "keep": rules.keep,
-        "error_px": rules.error_px,
-        "leaf_triangles": rules.leaf_triangles,
-        "most_bytes": rules.bytes,
-        **{name: count / frames for name, count in counts.items()},
-        "kept_px": kept,
-        "bytes": most,
-    }
-
-
-def movers_of(tallies: Sequence[FrameTally]) -> dict[str, Any] | None:
-    """Means of a frame over all ``tallies``; None where nothing moved."""
-    if not tallies:
-        return None
-    frames, geometry, captured, reused, ended, shown, hidden = (sum(one) for one in zip(*tallies, strict=True))
-    return {
-        "geometry": geometry / max(frames, 1),
-        "captured": captured / max(frames, 1),
-        "reused": reused / max(frames, 1),
-        "hidden": hidden / max(frames, 1),
-        "valid_frames": shown / ended if ended else None,
     }
 
 

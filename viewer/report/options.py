@@ -14,7 +14,7 @@ from mmi.movers.movers import NOTHING_MOVES, Movers
 from mmi.planning.parameters import BuildParameters
 from viewer.caching.rules import CacheRules
 from viewer.casting.rules import CastRules
-from viewer.techniques.catalogue import TECHNIQUES, TechniqueEntry, find_technique
+from viewer.techniques.catalogue import TECHNIQUES, TechniqueEntry, TechniqueRules, find_technique
 from viewer.techniques.virtual_frames import FrameRules
 
 __all__ = ["OF_CITIES", "CompareOptions"]
@@ -66,6 +66,11 @@ class CompareOptions:
     camera: Camera | None = None
     longest_object: float | None = BuildParameters().longest_object
     entries: tuple[TechniqueEntry, ...] = field(init=False, repr=False, compare=False)
+
+    @property
+    def rules(self) -> TechniqueRules:
+        """What techniques are told of all this."""
+        return TechniqueRules(self.fade, self.rays, self.images)
 
     def __post_init__(self) -> None:
         try:

@@ -70,9 +70,7 @@ def score_walk(
     around = {i + step for some in popping.values() for i in some for step in (-1, 0)}
     largest: dict[str, dict[_Event, float]] = {name: {} for name in popping}
     walkers = {
-        entry.name: make_technique(
-            entry, scenes, fade=options.fade, rays=options.rays, images=options.images, frames=options.mover_frames
-        )
+        entry.name: make_technique(entry, scenes, rules=options.rules, frames=options.mover_frames)
         for entry in options.entries
     }
     walkers[REFERENCE] = make_technique(REFERENCE, scenes)

@@ -194,28 +194,25 @@ def make_technique(
     of: str | Callable[..., Any] | PlugIn | TechniqueEntry,
     scenes: Mapping[str, WalkScene],
     *,
-    fade: float = 0.0,
-    rays: CastRules | None = None,
-    images: CacheRules | None = None,
+    rules: TechniqueRules | None = None,
     frames: FrameRules | None = None,
     at: float | None = None,
     owner: str | None = None,
 ) -> Technique:
     """A fresh technique, which knows of no viewer yet. ``scenes``: ``multi-mesh``, and ``single-mesh`` where that is asked for.
 
-    ``fade`` seconds of a cross-fade at changes of cells, ``rays`` how they are cast, ``images`` how those of boxes
-    are kept. It also draws what moves in its scene, as
-    it is ``at`` a time (seconds; None: as time goes by): layered techniques by the rules of ``frames``, all others as geometry.
-    All but the reference leave out what buildings hide of it. Where several viewers are drawn by one renderer, the images that
-    are captured for this one are those of ``owner``. Raises ParameterError for what :func:`find_technique` refuses.
+    ``rules`` are what a user says of techniques. It also draws what moves in its scene, as it is ``at`` a time (seconds; None:
+    as time goes by): layered techniques by the rules of ``frames``, all others as geometry. All but the reference leave out
+    what buildings hide of it. Where several viewers are drawn by one renderer, the images that are captured for this one are
+    those of ``owner``. Raises ParameterError for what :func:`find_technique` refuses.
     """
     entry = find_technique(of)
     scene = scenes[entry.scene]
-    made = entry.make(scene, TechniqueRules(fade, rays or CastRules(), images or CacheRules()))
+    made = entry.make(scene, rules or TechniqueRules())
     if owner is not None and isinstance(made, DynamicImpostors | ImageCache):
         made.owner = owner
     if not scene.movers.ids:
         return made
-    rules = frames if entry.layered else None
+    of_images = frames if entry.layered else None
     skyline = None if entry.name == REFERENCE else scene.skyline
-    return WithMovers(made, scene.movers, scene.camera, rules=rules, skyline=skyline, at=at)
+    return WithMovers(made, scene.movers, scene.camera, rules=of_images, skyline=skyline, at=at)

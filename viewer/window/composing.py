@@ -240,7 +240,7 @@ class Pictures:
         if name not in self._lines:
             share = f"{self.client} {name}"
             painting = Painting(self.stage, self.stage.main)
-            technique = make_technique(name, self.stage.scenes, rays=self.stage.rules.rays, owner=share)
+            technique = make_technique(name, self.stage.scenes, rules=self.stage.rules, owner=share)
             main = self.stage.main
             loop = FrameLoop(
                 technique,

@@ -11,7 +11,7 @@ from mmi.foundation.errors import ParameterError
 from viewer.caching.rules import CacheRules
 from viewer.drawing.renderer import Renderer
 from viewer.plan import Budget, Faces, Nailboards
-from viewer.techniques.catalogue import make_technique
+from viewer.techniques.catalogue import TechniqueRules, make_technique
 from viewer.techniques.geometry import FullGeometry
 from viewer.techniques.image_cache import ImageCache
 
@@ -198,7 +198,8 @@ def test_another_display_has_images_of_its_own(scene):
 
 
 def test_a_viewer_s_own_images_are_its_owner_s(scene):
-    technique = make_technique("image-cache", {"multi-mesh": scene}, images=EAGER, owner="somebody")
+    rules = TechniqueRules(images=EAGER)
+    technique = make_technique("image-cache", {"multi-mesh": scene}, rules=rules, owner="somebody")
     plan = technique.plan(look(scene, *VIEWS[0]), now=0.0, budget=BUDGET)
     assert {request.into.image.owner for request in plan.requests} == {"somebody"}
 
