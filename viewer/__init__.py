@@ -15,6 +15,7 @@ from mmi.foundation.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from mmi.walks.walk import Keyframe, Pose, Walk, read_walk, write_walk
+    from viewer.caching.rules import CacheRules
     from viewer.casting.rules import CastRules
     from viewer.cells.scene_cache import cell_cache
     from viewer.drawing.renderer import Renderer
@@ -27,9 +28,11 @@ if TYPE_CHECKING:
         Costs,
         Done,
         Draw,
+        Faces,
         Ground,
         ImageKey,
         Moving,
+        Nailboards,
         Objects,
         Plan,
         Relief,
@@ -46,7 +49,7 @@ if TYPE_CHECKING:
     from viewer.runtime.loop import FrameLoop, FrameTimes, replay
     from viewer.scene.scene import WalkScene, open_scene, scene_of_city
     from viewer.serving.notebook import show_in_notebook
-    from viewer.techniques.catalogue import TECHNIQUES, make_technique
+    from viewer.techniques.catalogue import TECHNIQUES, TechniqueRules, make_technique
     from viewer.techniques.virtual_frames import FrameRules
     from viewer.walks.random_views import random_views
     from viewer.walks.tour import tour
@@ -55,6 +58,7 @@ __all__ = [
     "CAST_PIXEL",
     "TECHNIQUES",
     "Budget",
+    "CacheRules",
     "CastPixels",
     "CastRules",
     "CellKey",
@@ -63,6 +67,7 @@ __all__ = [
     "Costs",
     "Done",
     "Draw",
+    "Faces",
     "FrameLoop",
     "FrameRules",
     "FrameTimes",
@@ -70,6 +75,7 @@ __all__ = [
     "ImageKey",
     "Keyframe",
     "Moving",
+    "Nailboards",
     "Objects",
     "Plan",
     "Pose",
@@ -80,6 +86,7 @@ __all__ = [
     "Sky",
     "Slot",
     "Technique",
+    "TechniqueRules",
     "Walk",
     "WalkScene",
     "Work",
@@ -100,6 +107,7 @@ __all__ = [
 
 _HOMES = MappingProxyType(
     {
+        "viewer.caching.rules": ("CacheRules",),
         "viewer.casting.rules": ("CastRules",),
         "viewer.cells.scene_cache": ("cell_cache",),
         "viewer.drawing.renderer": ("Renderer",),
@@ -112,9 +120,11 @@ _HOMES = MappingProxyType(
             "Costs",
             "Done",
             "Draw",
+            "Faces",
             "Ground",
             "ImageKey",
             "Moving",
+            "Nailboards",
             "Objects",
             "Plan",
             "Relief",
@@ -131,7 +141,7 @@ _HOMES = MappingProxyType(
         "viewer.runtime.loop": ("FrameLoop", "FrameTimes", "replay"),
         "viewer.scene.scene": ("WalkScene", "open_scene", "scene_of_city"),
         "viewer.serving.notebook": ("show_in_notebook",),
-        "viewer.techniques.catalogue": ("TECHNIQUES", "make_technique"),
+        "viewer.techniques.catalogue": ("TECHNIQUES", "TechniqueRules", "make_technique"),
         "viewer.techniques.virtual_frames": ("FrameRules",),
         "viewer.walks.random_views": ("random_views",),
         "viewer.walks.tour": ("tour",),
