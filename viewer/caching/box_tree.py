@@ -73,7 +73,10 @@ class BoxTree:
 
     def triangles_of(self, nodes: ArrayLike) -> NDArray[np.int32]:
         """The triangles of a node, or of some ``nodes`` (k,), ascending, each once."""
-        return np.unique(self.references[numbers_in(*self.ranges[np.atleast_1d(nodes)].T)])
+        found = np.sort(self.references[numbers_in(*self.ranges[np.atleast_1d(nodes)].T)])
+        first = np.ones(len(found), dtype=np.bool_)
+        np.not_equal(found[1:], found[:-1], out=first[1:])
+        return found[first]  # np.unique takes several times as long
 
 
 def box_tree(

@@ -78,10 +78,11 @@ class CacheTally(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class _Frame:
-    """What comes together while a frame is planned: ``left`` seconds for requests; kinds of nodes."""
+    """What comes together while a frame is planned: ``left`` seconds for requests, by their ``costs``; kinds of nodes."""
 
     eye: NDArray[np.float64]
     costs: Costs
+    worth: Costs
     left: float
     strict: bool
     requests: list[Request] = field(default_factory=list)
@@ -116,6 +117,7 @@ class ImageCache:
         self._eye: NDArray[np.float64] | None = None
         self._moved = self._step = 0.0
         self._last: tuple[float, tuple[int, int, int, int]] | None = None
+        self._worth: Costs | None = None
         self._images: NodeImages
         self._atlases: Atlases
         self._least: NDArray[np.float64]
@@ -140,8 +142,10 @@ class ImageCache:
         self._frame += 1
         drops = self._look_through(view)
         self._follow(view.eye)
-        frame = _Frame(view.eye, budget.costs, budget.updates, strict=math.isinf(budget.updates))
-        images, direct = self._cut(view, budget.costs)
+        if self._worth is None:  # what is worth an image does not change with what the last frames took
+            self._worth = budget.costs
+        frame = _Frame(view.eye, budget.costs, self._worth, budget.updates, strict=math.isinf(budget.updates))
+        images, direct = self._cut(view, self._worth)
         seen = within_view(self._corners[images], view)
         wanted = images if self._rules.keep == "sphere" else images[seen]
         valid = self._images.valid(wanted, view.eye)
@@ -236,10 +240,10 @@ class ImageCache:
         if not captures.possible[place]:
             return False
         width, height = captures.windows[place, 2:].tolist()
-        most = max(2.0 * frame.costs.relief * width * height, _WORTH_COMBINING * frame.costs.request)
+        most = max(2.0 * frame.worth.relief * width * height, _WORTH_COMBINING * frame.worth.request)
         sources, rest = np.zeros(0, dtype=np.int64), np.array([node])
         generation, inherited = 0, 0.0
-        if not self._leaf[node] and (self._rules.eager or frame.costs.captured * int(self._counts[node]) > most):
+        if not self._leaf[node] and (self._rules.eager or frame.worth.captured * int(self._counts[node]) > most):
             found = self._sources(node, frame)
             if found is None:
                 return False
@@ -281,7 +285,7 @@ class ImageCache:
         rest: list[int] = []
         waiting = self._tree.children_of(np.array([node]))
         limit = _HANDED_ON * self._images.limit
-        costs, thrifty = frame.costs, not self._rules.eager
+        costs, thrifty = frame.worth, not self._rules.eager
         while len(waiting):
             captures = captures_of(frame.eye, self._tree.boxes[waiting], self._images.sharpness)
             usable = self._images.handed_on(waiting, frame.eye, self._frame) <= limit

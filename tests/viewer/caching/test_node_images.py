@@ -57,6 +57,58 @@ def test_no_image_is_valid_that_is_wrong_by_more_than_the_limit():
     assert largest > 0.5 * SHARPNESS.pixel  # the bound is no wild one
 
 
+def moved_onto(found, place, captured, where):
+    """Where on its quadrilateral an image shows points that were ``where`` when it was captured."""
+    ahead = -found.eye_from_world[place, 2, :3]
+    rays = where - captured
+    return captured + rays * (found.depths[place] / (rays @ ahead))[:, None]
+
+
+@pytest.mark.parametrize("limit_px", [1.5, 3.0])
+def test_no_image_of_images_is_valid_that_is_wrong_by_more_than_the_limit(limit_px):
+    """Parts' images of images' images, each captured from elsewhere: points go from quadrilateral to quadrilateral.
+
+    Each time an image is captured from others, texels are sampled anew, which is half a pixel that this does not see.
+    """
+    rng = np.random.default_rng(11)
+    limit = limit_px * SHARPNESS.pixel
+    shown, largest = dict.fromkeys(range(GENERATIONS), 0), 0.0
+    for _ in range(1500):
+        low = rng.uniform(-100.0, 100.0, 3)
+        part = np.stack([low, low + rng.uniform(0.1, 10.0, 3)])
+        boxes = [part]
+        for _ in range(GENERATIONS - 1):  # boxes around boxes
+            within = boxes[-1]
+            boxes.append(np.stack([within[0] - rng.uniform(0.0, 10.0, 3), within[1] + rng.uniform(0.0, 10.0, 3)]))
+        boxes = np.array(boxes)
+        images = images_of(boxes, limit)
+        points = part[0] + rng.uniform(0.0, 1.0, (60, 3)) * np.ptp(part, axis=0)
+        points[:8] = part[[[i & 1, i >> 1 & 1, i >> 2] for i in range(8)], [0, 1, 2]]
+        where, eye = points, rng.uniform(-150.0, 150.0, 3)
+        for generation in range(GENERATIONS):
+            inherited = 0.0
+            if generation:
+                inherited = float(images.handed_on(np.array([generation - 1]), eye, generation)[0])
+                if inherited > limit:
+                    break
+            found = keep(images, [generation], boxes, eye, inherited=inherited, generation=generation, frame=generation)
+            if not found.possible[0]:
+                break
+            where = moved_onto(found, 0, eye, where)
+            for _ in range(6):
+                later = eye + rng.normal(size=3) * 10.0 ** rng.uniform(-2.5, 0.5)
+                if not images.valid(np.array([generation]), later)[0]:
+                    continue
+                a, b = points - later, where - later
+                wrong = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1)).max()
+                assert wrong <= limit - 0.5 * generation * SHARPNESS.pixel
+                shown[generation] += 1
+                largest = max(largest, wrong / limit)
+            eye = eye + rng.normal(size=3) * 10.0 ** rng.uniform(-2.5, 0.0)
+    assert min(shown.values()) > 30
+    assert largest > 0.5
+
+
 def test_what_an_image_inherits_counts_with_its_own_error():
     boxes = np.array([[[20.0, -5.0, 0.0], [30.0, 5.0, 10.0]]])
     fresh, second = images_of(boxes), images_of(boxes)

@@ -11,6 +11,7 @@ from mmi.foundation.errors import ParameterError
 from viewer.caching.rules import CacheRules
 from viewer.drawing.renderer import Renderer
 from viewer.plan import Budget, Faces, Nailboards
+from viewer.techniques import image_cache
 from viewer.techniques.catalogue import TechniqueRules, make_technique
 from viewer.techniques.geometry import FullGeometry
 from viewer.techniques.image_cache import ImageCache
@@ -159,6 +160,20 @@ def test_a_budget_captures_parts_first_and_never_all_primitives_at_once(scene):
         largest = max(largest, *drawn_at_once, 0)
     assert 0 < largest <= 200
     assert technique.latest.reused > 0
+
+
+def test_what_is_worth_an_image_does_not_change_with_what_frames_take(scene, monkeypatch):
+    """Else frames that take long would have fewer images, and take longer."""
+    monkeypatch.setattr(image_cache, "_FEW", 4)  # boxes of this scene have few triangles
+    technique = ImageCache(scene, CacheRules(leaf_triangles=20))
+    cheap = BUDGET.costs._replace(triangle=1e-4, relief=1e-12)
+    view = look(scene, -400.0, -300.0, 0.6, 0.0, 20.0)
+    technique.plan(view, now=0.0, budget=Budget(costs=cheap))
+    images = technique.latest.new
+    assert images > 0
+    dear = Budget(costs=cheap._replace(relief=1.0, request=10.0, triangle=1e-12))
+    technique.plan(view, now=0.0, budget=dear)
+    assert technique.latest.reused == images
 
 
 def test_a_budget_of_nothing_is_the_geometry(scene, renderer):
