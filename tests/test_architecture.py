@@ -33,7 +33,8 @@ FLOORS = {
     ),
     "citygen": ("shapes streets", "buildings scenes traffic", "presets", "metropolis", "generate", "cli"),
     "viewer": (
-        "plan walks",
+        "computed walks",
+        "plan",
         "scene",
         "cells casting caching",
         "techniques",

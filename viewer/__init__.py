@@ -18,11 +18,10 @@ if TYPE_CHECKING:
     from viewer.caching.rules import CacheRules
     from viewer.casting.rules import CastRules
     from viewer.cells.scene_cache import cell_cache
+    from viewer.computed import CAST_PIXEL, CastPixels, WarpedPicture
     from viewer.drawing.renderer import Renderer
     from viewer.plan import (
-        CAST_PIXEL,
         Budget,
-        CastPixels,
         CellKey,
         CellLayers,
         Costs,
@@ -89,6 +88,7 @@ __all__ = [
     "TechniqueRules",
     "Walk",
     "WalkScene",
+    "WarpedPicture",
     "Work",
     "calibrated",
     "cell_cache",
@@ -111,10 +111,9 @@ _HOMES = MappingProxyType(
         "viewer.casting.rules": ("CastRules",),
         "viewer.cells.scene_cache": ("cell_cache",),
         "viewer.drawing.renderer": ("Renderer",),
+        "viewer.computed": ("CAST_PIXEL", "CastPixels", "WarpedPicture"),
         "viewer.plan": (
-            "CAST_PIXEL",
             "Budget",
-            "CastPixels",
             "CellKey",
             "CellLayers",
             "Costs",

@@ -3,8 +3,8 @@
     Technique.plan(view, now, budget) -> Plan
     Plan    = what must be in memory, what to capture into images first, what to draw then, perhaps over what was drawn before
     Request = draws into an image that stays on the GPU under its key; orders: all are executed, in order, before any draw
-    Draw    = Sky | Ground | Objects | Faces | CellLayers | Relief | Nailboards | Moving | CastPixels
-              (closed; ``viewer.drawing.renderer``)
+    Draw    = Sky | Ground | Objects | Faces | CellLayers | Relief | Nailboards | Moving | CastPixels | WarpedPicture
+              (closed; ``viewer.drawing.renderer``; the last two are of ``viewer.computed``)
     finish  = what a plan does once it knows the depths of what was drawn: it returns further draws
 
 Techniques, walks and the choice of what to load and to capture are plain Python and run without OpenGL. A technique knows
@@ -23,12 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
+from viewer.computed import CastPixels, WarpedPicture
 
 __all__ = [
-    "CAST_PIXEL",
     "RELIEF_QUAD",
     "Budget",
-    "CastPixels",
     "CellKey",
     "CellLayers",
     "Costs",
@@ -54,19 +53,6 @@ __all__ = [
 
 RELIEF_QUAD = 16
 """Texels from node to node of a relief's grid: smaller quads cost more to draw than they gain."""
-
-
-CAST_PIXEL = np.dtype(
-    [
-        ("pixel", "<u2", 2),
-        ("depth", "<f4"),
-        ("uv", "<f4", 2),
-        ("level", "<f4"),
-        ("tint", "u1", 4),
-        ("object", "<i4"),
-    ]
-)
-"""One pixel of :class:`CastPixels`, as it goes to the GPU."""
 
 
 class CellKey(NamedTuple):
@@ -215,22 +201,7 @@ class Moving:
     poses: NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CastPixels:
-    """Single pixels whose surfaces a technique has found itself, by rays for instance; the renderer gives them their colours.
-
-    ``samples`` (n,) of ``CAST_PIXEL``: ``pixel``, column and row in the view's window; ``depth`` along the view's axis, metres,
-    which composes them with all else; texture coordinates ``uv`` in the city's texture, and the mipmap ``level`` at which it
-    is sampled; ``tint`` multiplies that; ``object`` of the city. The first ``fresh`` of them were found in this frame,
-    which took ``seconds``.
-    """
-
-    samples: NDArray[np.void]
-    fresh: int = 0
-    seconds: float = 0.0
-
-
-Draw = Sky | Ground | Objects | Faces | CellLayers | Relief | Nailboards | Moving | CastPixels
+Draw = Sky | Ground | Objects | Faces | CellLayers | Relief | Nailboards | Moving | CastPixels | WarpedPicture
 """What a plan is made of: a closed union, of which the renderer draws each kind."""
 
 
@@ -404,6 +375,8 @@ def _told_draw(draw: Draw) -> object:
             return "relief", draw.image, parts
         case CastPixels():
             return "cast", draw.samples.tobytes()
+        case WarpedPicture():
+            return "warped", draw.color.tobytes(), draw.depth.tobytes()
         case Moving():
             return "moving", draw.which.tobytes(), draw.poses.tobytes()
         case _:

@@ -21,7 +21,7 @@ from viewer.casting.open_pixels import CAST, REUSED, TILE, Rays, classify
 from viewer.casting.panorama import SAMPLE, Panorama, store
 from viewer.casting.rules import CastRules
 from viewer.casting.surfaces import cast_pixels, shown_again
-from viewer.plan import CAST_PIXEL, CastPixels
+from viewer.computed import CAST_PIXEL, CastPixels
 
 __all__ = ["CastTally", "cast_frame", "directions_of", "record_errors", "worst_first"]
 

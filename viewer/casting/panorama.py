@@ -68,7 +68,7 @@ SAMPLE = np.dtype(
         ("object", "<i4"),
     ]
 )
-"""``CAST_PIXEL`` (:mod:`viewer.plan`) without arrays in it, which kernels read and write faster."""
+"""``CAST_PIXEL`` (:mod:`viewer.computed`) without arrays in it, which kernels read and write faster."""
 
 
 class Texels(NamedTuple):

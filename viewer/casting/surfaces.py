@@ -17,7 +17,7 @@ from mmi.foundation.kernels import kernel
 from mmi.rays.hits import Hits
 from viewer.casting.open_pixels import Rays
 from viewer.casting.panorama import PIXEL_LEVELS, SAMPLE, Texels
-from viewer.plan import CAST_PIXEL
+from viewer.computed import CAST_PIXEL
 
 __all__ = ["LEVEL_BIAS", "Surfaces", "cast_pixels", "shown_again", "surfaces_of"]
 

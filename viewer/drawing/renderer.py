@@ -21,6 +21,7 @@ from mmi.foundation.camera import View
 from mmi.foundation.errors import CaptureError
 from mmi.movers.movers import NOTHING_MOVES, Movers
 from viewer.cells.loaded_cell import LoadedCell, LoadedLayer
+from viewer.computed import CastPixels, WarpedPicture
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.fade import Fade
 from viewer.drawing.images import CapturedPixels, Images
@@ -34,13 +35,13 @@ from viewer.drawing.kinds.nailboards import NailboardsDrawer
 from viewer.drawing.kinds.objects import ObjectsDrawer
 from viewer.drawing.kinds.reliefs import ReliefsDrawer
 from viewer.drawing.kinds.sky import SkyDrawer
+from viewer.drawing.kinds.warped import WarpedDrawer
 from viewer.drawing.opengl import finisher, is_software, open_context
 from viewer.drawing.programs import Programs
 from viewer.drawing.style import CAPTURED, CAPTURED_LINES, PLAIN, REUSED, REUSED_LINES, Style, fresh_parts, narrowed
 from viewer.drawing.targets import Targets
 from viewer.drawing.thread_turns import turns_after
 from viewer.plan import (
-    CastPixels,
     CellKey,
     CellLayers,
     Done,
@@ -131,6 +132,7 @@ class Renderer:
         self._reliefs = ReliefsDrawer(self._programs, self._images)
         self._nailboards = NailboardsDrawer(self._programs, self._images)
         self._cast = CastPixelsDrawer(self._programs, self._objects.texture)
+        self._warped = WarpedDrawer(self._programs)
         self._moving = MovingDrawer(
             self._programs, NOTHING_MOVES if movers is None else movers, first=len(mesh.triangle_counts)
         )
@@ -370,6 +372,8 @@ class Renderer:
                 return [
                     count for part, ink in inked for count in self._cast.draw(part, size, measured=measured, ink=ink)
                 ]
+            case WarpedPicture():
+                return self._warped.draw(draw, measured=measured, ink=REUSED if style.tint else None)
             case _:
                 assert_never(draw)
 

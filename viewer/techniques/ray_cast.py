@@ -20,7 +20,8 @@ from viewer.casting.near_set import NearSet
 from viewer.casting.open_pixels import rays_of
 from viewer.casting.panorama import Panorama, smallest_pixel
 from viewer.casting.rules import CastRules
-from viewer.plan import Budget, CastPixels, Draw, Objects, Plan, Sky
+from viewer.computed import CastPixels
+from viewer.plan import Budget, Draw, Objects, Plan, Sky
 from viewer.scene.frustum import box_corners, within_view
 from viewer.scene.scene import WalkScene
 

@@ -67,7 +67,7 @@ _NUMBERS = f"\nconst int TILE = {_TILE}, ACROSS = {_ACROSS};\n"
 
 
 class CastPixelsDrawer:
-    """Draws :class:`viewer.plan.CastPixels` with ``texture``, the city's."""
+    """Draws :class:`viewer.computed.CastPixels` with ``texture``, the city's."""
 
     def __init__(self, programs: Programs, texture: Any) -> None:  # noqa: ANN401
         self._context, self._texture, self._make = programs.context, texture, programs.make
