@@ -30,8 +30,9 @@ _LEAST_AHEAD = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Sharpness:
-    """Of a display: the radians that its smallest pixel across covers, that at its border (paper equation 1), its ``focal``
-    length, and that of images whose texels are as fine, ``texel_focal``; both in pixels or texels.
+    """Of a display: the radians that its smallest pixel covers, that in the middle of its farthest border (paper equation 1,
+    which has displays wider than high), its ``focal`` length, and that of images whose texels are as fine, ``texel_focal``;
+    both in pixels or texels.
     """
 
     pixel: float
@@ -46,8 +47,8 @@ class Sharpness:
 
 def sharpness_of(view: View) -> Sharpness:
     """What a view needs; at 60 degrees pixels at its borders are three quarters of those in the middle."""
-    left, _, width, _ = view.window
-    aside = max(abs(left), abs(left + width)) / view.focal
+    left, top, width, height = view.window
+    aside = max(abs(left), abs(left + width), abs(top), abs(top + height)) / view.focal
     pixel = 1.0 / ((1.0 + aside * aside) * view.focal)
     return Sharpness(pixel, view.focal, _FINER / pixel)
 

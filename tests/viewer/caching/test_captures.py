@@ -29,6 +29,24 @@ def test_texels_are_as_fine_as_the_pixels_at_the_border():
     assert SHARPNESS.finer > 1.0
 
 
+@pytest.mark.parametrize("size", [(640, 480), (480, 640), (60, 480), (480, 60)])
+def test_pixels_in_the_middle_of_every_border_are_no_smaller(size):
+    """By how far apart in angle the directions of neighbouring pixels are, on displays that are high as well."""
+    camera = Camera(*size, math.radians(60.0))
+    view = View(np.eye(4), camera.focal, camera.window)
+    left, top, width, height = view.window
+    steps = []
+    for at, step in (
+        ((left, 0), (1, 0)),
+        ((left + width, 0), (-1, 0)),
+        ((0, top), (0, 1)),
+        ((0, top + height), (0, -1)),
+    ):
+        ends = np.array([(*at, view.focal), (at[0] + step[0], at[1] + step[1], view.focal)])
+        steps.append(math.atan2(np.linalg.norm(np.cross(*ends)), np.dot(*ends)))
+    assert sharpness_of(view).pixel <= min(steps) <= 1.1 * sharpness_of(view).pixel
+
+
 @settings(max_examples=60, deadline=None)
 @given(boxes_and_eyes())
 def test_all_of_a_box_and_two_pixels_more_is_in_its_picture(case):
