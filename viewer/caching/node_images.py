@@ -18,6 +18,8 @@ __all__ = ["GENERATIONS", "NodeImages"]
 
 GENERATIONS = 3
 """Images of the last are combined no further."""
+_SAMPLED = 0.5
+"""Pixels that sampling texels anew adds to what an image is wrong by."""
 _FLICKERING = 0.5
 """An image that is shown at less than this share of its size would flicker."""
 
@@ -46,6 +48,11 @@ class NodeImages:
     def there(self) -> NDArray[np.bool_]:
         """(n,) which nodes have an image."""
         return self._atlas >= 0
+
+    @property
+    def may_combine(self) -> bool:
+        """Whether an image may be drawn from others at all: it inherits half a texel even of those captured from there."""
+        return _SAMPLED * self.sharpness.pixel <= self.limit
 
     def keep(
         self,
@@ -89,7 +96,7 @@ class NodeImages:
         before = np.flatnonzero(self.captured[nodes] != frame)  # the others are captured from here
         found[before] = self.errors(nodes[before], eye)
         found[(self._atlas[nodes] < 0) | (self.generations[nodes] >= GENERATIONS - 1)] = np.inf
-        return found + 0.5 * self.sharpness.pixel
+        return found + _SAMPLED * self.sharpness.pixel
 
     def drop(self, node: int) -> None:
         """A node has no image any more."""

@@ -43,6 +43,10 @@ _FEW = 256
 _MANY = 2000
 """Triangles of a node without an image that has a draw of its own: the set of all such nodes is another in each frame."""
 _MOST_WHOLES = 1024
+_WIDEST = 1.5
+"""Radians that an image may be wrong by, whatever is allowed in pixels: less than a right angle."""
+_LATEST = 10.0
+"""An image that is wrong by more times what it may is not shown, however late others are: a leap leaves such ones behind."""
 
 
 class CacheTally(NamedTuple):
@@ -172,7 +176,7 @@ class ImageCache:
         if self._last is None or sharpness != self._images.sharpness:
             rules = self._rules
             drops = () if self._last is None else self._atlases.images
-            self._images = NodeImages(self._tree.boxes, sharpness, rules.error_px * sharpness.pixel)
+            self._images = NodeImages(self._tree.boxes, sharpness, min(rules.error_px * sharpness.pixel, _WIDEST))
             self._atlases = Atlases(self.owner, largest=rules.largest, most_bytes=rules.bytes, forget=self._images.drop)
             self._least = least_distances(self._tree.boxes, rules.largest, sharpness)
         self._last = told
@@ -243,7 +247,8 @@ class ImageCache:
         most = max(2.0 * frame.worth.relief * width * height, _WORTH_COMBINING * frame.worth.request)
         sources, rest = np.zeros(0, dtype=np.int64), np.array([node])
         generation, inherited = 0, 0.0
-        if not self._leaf[node] and (self._rules.eager or frame.worth.captured * int(self._counts[node]) > most):
+        costly = self._rules.eager or frame.worth.captured * int(self._counts[node]) > most
+        if costly and not self._leaf[node] and self._images.may_combine:
             found = self._sources(node, frame)
             if found is None:
                 return False
@@ -318,7 +323,7 @@ class ImageCache:
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
         """Of nodes that should be images: images to show for them, which of these are late, and nodes to draw instead.
 
-        Without a valid image a node is drawn as what is within it. With a budget it may also be an image that is wrong.
+        Without a valid image a node is drawn as what is within it. With a budget it may also be an image that is a little wrong.
         """
         shown, late, drawn = [], [], []
         waiting = nodes
@@ -327,7 +332,7 @@ class ImageCache:
             shown.append(waiting[valid])
             left = waiting[~valid]
             if not frame.strict:
-                wrong = np.isfinite(self._images.errors(left, frame.eye)) & self._images.there[left]
+                wrong = self._images.errors(left, frame.eye) <= _LATEST * self._images.limit
                 late.append(left[wrong])
                 left = left[~wrong]
             if not len(left):

@@ -176,6 +176,36 @@ def test_what_is_worth_an_image_does_not_change_with_what_frames_take(scene, mon
     assert technique.latest.reused == images
 
 
+@pytest.mark.parametrize("error_px", [0.01, 0.3])
+def test_nothing_inherits_more_than_it_may_be_wrong_by(scene, error_px):
+    """Half a pixel comes from sampling others' texels anew: who allows less has images of triangles only."""
+    technique = ImageCache(scene, CacheRules(eager=True, leaf_triangles=10, error_px=error_px))
+    for k in range(4):
+        technique.plan(look(scene, -400.0 + 0.1 * k, -300.0, 0.6, 0.0, 20.0), now=0.0, budget=BUDGET)
+        assert technique.latest.kept_px <= error_px
+    assert technique.tally.new > 0
+
+
+def test_an_error_of_more_than_a_right_angle_may_be_allowed(scene):
+    technique = ImageCache(scene, CacheRules(eager=True, leaf_triangles=20, error_px=1000.0))
+    for view in walk(scene, 3):
+        technique.plan(view, now=0.0, budget=BUDGET)
+    assert technique.tally.new > 0
+
+
+def test_with_a_budget_a_leap_leaves_no_picture_of_elsewhere_behind(scene, renderer):
+    """Everything was captured from one side; after a leap to the other, as far away, there is no time to capture it anew."""
+    technique = ImageCache(scene, EAGER)
+    here, there = (
+        look(scene, sign * 900.0, 0.0, azimuth, 0.0, 20.0) for sign, azimuth in ((-1.0, 0.0), (1.0, math.pi))
+    )
+    drawn(renderer, technique, here)
+    assert technique.latest.new > 0
+    picture = drawn(renderer, technique, there, budget=Budget(updates=1e-9))
+    assert technique.latest.kept_px <= 10.0
+    assert errors(scene, renderer, picture, there).thickness_px <= 2.0
+
+
 def test_a_budget_of_nothing_is_the_geometry(scene, renderer):
     technique = ImageCache(scene, EAGER)
     view = look(scene, *VIEWS[0])
