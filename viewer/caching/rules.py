@@ -47,7 +47,7 @@ class CacheRules:
         ):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and least <= value <= most):
-                raise ParameterError(f"{name}: a number from {least:g} to {most:g} expected, found {value!r}")
+                raise ParameterError(f"{name}: a number from {least} to {most} expected, found {value!r}")
         if self.keep not in KEEP:
             raise ParameterError(f"keep: one of {', '.join(KEEP)} expected, found {self.keep!r}")
         if self.largest & (self.largest - 1):

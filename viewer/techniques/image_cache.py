@@ -323,7 +323,7 @@ class ImageCache:
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
         """Of nodes that should be images: images to show for them, which of these are late, and nodes to draw instead.
 
-        Without a valid image a node is drawn as what is within it. With a budget it may also be an image that is a little wrong.
+        Without a valid image a node is drawn as what is within it; with a budget an image that is a little wrong serves too.
         """
         shown, late, drawn = [], [], []
         waiting = nodes
