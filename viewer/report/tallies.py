@@ -100,6 +100,8 @@ def _boxes(tallies: Sequence[CacheTally], rules: CacheRules) -> dict[str, Any] |
         "keep": rules.keep,
         "error_px": rules.error_px,
         "leaf_triangles": rules.leaf_triangles,
+        "depth": rules.depth,
+        "eager": rules.eager,
         "most_bytes": rules.bytes,
         **{name: count / frames for name, count in counts.items()},
         "kept_px": kept,

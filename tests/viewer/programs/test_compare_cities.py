@@ -12,6 +12,7 @@ from moving import movers_of
 
 import viewer
 from mmi.movers.movers_file import write_movers
+from viewer.caching.rules import CacheRules
 from viewer.casting.panorama import Panorama
 from viewer.programs import compare_impostors as program
 from viewer.programs.compare_impostors import _OF_CITIES, compare_impostors
@@ -230,6 +231,18 @@ def test_cities_are_compared_from_python(tmp_path):
     report = compare_views(crossroads(), tmp_path, views=1)
     assert list(report["techniques"]) == list(OF_CITIES)
     assert report["display"]["width"] == 512
+
+
+def test_reports_say_by_which_rules_boxes_are_images(tmp_path):
+    """All that a user may say: two reports of different figures tell why."""
+    rules = CacheRules(error_px=2.0, leaf_triangles=30, depth=2, bytes=1 << 26, keep="frustum", eager=True)
+    options = CompareOptions(techniques=("full", "image-cache"), flip=False, images=rules)
+    report = compare_views(crossroads(), tmp_path, views=1, options=options)
+    jsonschema.validate(report, SCHEMA)
+    told = report["techniques"]["image-cache"]["boxes"]
+    assert told["most_bytes"] == rules.bytes
+    for name in ("error_px", "leaf_triangles", "depth", "keep", "eager"):
+        assert told[name] == getattr(rules, name)
 
 
 def test_what_a_view_has_seen_is_forgotten_after_it(tmp_path, monkeypatch):
