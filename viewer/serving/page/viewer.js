@@ -134,7 +134,7 @@ function shown(header) {
   controlsPanel.frame(header, left, right);
   plan.frame(header);
   if (header.inside) state.inside = header.pose;
-  note("outside", header.inside ? null : "You are outside of the built cells: all that is visible is drawn as geometry.", {
+  note("outside", header.inside ? null : "You are outside of the built cells, where layers are drawn as geometry.", {
     kind: "warn", action: state.inside ? ["Take me back", () => server.send({ type: "pose", pose: state.inside })] : null,
   });
   const preparing = (header.views ?? []).filter((one) => one.preparing).map((one) => one.technique);
