@@ -36,7 +36,7 @@ FLOORS = {
         "computed walks",
         "plan",
         "scene",
-        "cells casting caching",
+        "cells casting caching placing",
         "techniques",
         "drawing",
         "measuring runtime",
