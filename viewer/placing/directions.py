@@ -104,6 +104,15 @@ class Ranges:
             np.where(first <= last, (first <= index) & (index < last), (first <= index) | (index < last))
         )
 
+    def seen_near(self, index: int, turn: float) -> NDArray[np.int64]:
+        """(k,) the things seen in some range from ``turn`` radians before the middle of range ``index`` to as much after it."""
+        lowest, highest = self.at(self.middles[index] - turn), self.at(self.middles[index] + turn)
+        number = len(self.borders)
+        first, last = self.spans.T
+        lengths = np.where(first <= last, last - first, last - first + number)
+        begins = (first - lowest) % number <= (highest - lowest) % number
+        return np.flatnonzero((lengths > 0) & (begins | ((lowest - first) % number < lengths)))
+
 
 def ranges_of(arcs: NDArray[np.float64], borders: NDArray[np.float64]) -> Ranges:
     """The ranges between the ends of ``arcs`` (n, 2), cut at further ``borders`` (k,) too, radians from 0 to a turn."""

@@ -2,8 +2,9 @@
 
 Section 3.3: the yaw that shows most is given the best subset of its cells (viewer.placing.subsets) for an image; the image
 serves that yaw and all others that stay within the budget with it, and which its picture is wide enough for; then the yaw that
-shows most of those left. Each yaw has one image at most. Cells that a viewer can be at, those that the sphere around the point
-meets within which it serves viewers, are never part of an image.
+shows most of those left. Each yaw has one image at most. So that an image serves more yaws, it also has what views that are
+turned a little see of cells behind the nearest of the subset, and between its lower and its upper border. Cells that a viewer
+can be at, those that the sphere around the point meets within which it serves viewers, are never part of an image.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ from viewer.placing.solution_grid import Needs
 from viewer.placing.subsets import best_subset
 
 __all__ = ["Placement", "Placements", "placements_at"]
+
+_CUTS = np.radians(np.arange(0.0, 360.0, 5.0))
+"""Ranges are no wider than this, half of which any picture reaches further than its view."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +69,7 @@ def placements_at(point: NDArray[np.float64], needs: Needs, cells: ModelCells, r
     not one of a grid that was made for these rules.
     """
     fov, counts = rules.pyramid, cells.counts
-    ranges = ranges_of(arcs_of(cells.boxes, point, fov), needs.borders)
+    ranges = ranges_of(arcs_of(cells.boxes, point, fov), np.append(needs.borders, _CUTS))
     radii = needs.radii[np.searchsorted(needs.borders, ranges.borders, side="right") - 1]
     distances = distances_to(cells.boxes, point)
     seen = ranges.totals(counts)
@@ -77,11 +81,6 @@ def placements_at(point: NDArray[np.float64], needs: Needs, cells: ModelCells, r
         image = _image(point, fullest, ranges, float(radii[fullest]), distances, int(seen[fullest]), cells, rules)
         without = np.asarray(seen - ranges.totals(counts[image.cells], image.cells))
         served = open_ & (without <= rules.budget) & (radii < image.distance) & _wide_enough(image, ranges, rules)
-        if not served[fullest]:
-            raise ParameterError(
-                f"the point {', '.join(f'{x:.1f}' for x in point)}: at most {rules.budget:,} triangles within "
-                f"{radii[fullest]:.3g} m in each view expected, found {without[fullest]:,}"
-            )
         serving[served], left[served] = len(images), without[served]
         images.append(image)
         open_ &= ~served
@@ -102,6 +101,11 @@ def _image(
     """The best image for what range ``index`` sees beyond ``radius``; ``seen`` triangles are in its view."""
     some = ranges.seen_in(index)
     some = some[distances[some] > radius]
+    if seen - cells.counts[some].sum() > rules.budget:
+        raise ParameterError(
+            f"the point {', '.join(f'{x:.1f}' for x in point)}: at most {rules.budget:,} triangles within {radius:.3g} m in "
+            f"each view expected, found {seen - cells.counts[some].sum():,}"
+        )
     fov, yaw = rules.pyramid, float(ranges.middles[index])
     extents, depths = _on_screen(cells.boxes[some] - point, yaw)
     chosen = best_subset(
@@ -115,13 +119,21 @@ def _image(
         rules=rules,
     )
     nearest = float(distances[some[chosen]].min())
-    low, high = extents[chosen][:, [0, 2]].min(axis=0), extents[chosen][:, [1, 3]].max(axis=0)
+    aside = np.setdiff1d(ranges.seen_near(index, rules.turn), some)
+    aside = aside[distances[aside] >= nearest]
+    bottom, top = (extents[chosen, 2].min(), extents[chosen, 3].max())
+    bottom = -math.inf if bottom == extents[:, 2].min() else bottom
+    top = math.inf if top == extents[:, 3].max() else top
+    further, behind = _on_screen(cells.boxes[aside] - point, yaw)
+    kept = (further[:, 2] >= bottom) & (further[:, 3] <= top) & (behind > 0.0)
+    extents, depths = np.concatenate([extents[chosen], further[kept]]), np.append(depths[chosen], behind[kept])
     most = _largest(rules)
+    low, high = extents[:, [0, 2]].min(axis=0), extents[:, [1, 3]].max(axis=0)
     return Placement(
         yaw=yaw,
-        cells=some[chosen].astype(np.int32),
-        window=_window(np.maximum(low, -most), np.minimum(high, most)),
-        near=max(float(depths[chosen].min()), nearest / math.hypot(1.0, *most)),
+        cells=np.sort(np.append(some[chosen], aside[kept])).astype(np.int32),
+        window=_window(np.clip(low, -most, most), np.clip(high, -most, most)),
+        near=max(float(depths.min()), nearest / math.hypot(1.0, *most)),
         distance=nearest,
     )
 
@@ -137,8 +149,7 @@ def _largest(rules: PlacingRules) -> NDArray[np.float64]:
     up, and that is at b + d in the picture: cos(b) / cos(b + d) times the slope, most where both are as large as they can be.
     """
     half = math.atan(rules.pyramid.across)
-    widest = half + rules.margin
-    return np.array([math.tan(widest), rules.pyramid.up * math.cos(half) / math.cos(widest)])
+    return np.array([math.tan(rules.widest), rules.pyramid.up * math.cos(half) / math.cos(rules.widest)])
 
 
 def _on_screen(boxes: NDArray[np.float64], yaw: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -149,12 +160,13 @@ def _on_screen(boxes: NDArray[np.float64], yaw: float) -> tuple[NDArray[np.float
     x, y, z = boxes[:, corner & 1, 0], boxes[:, corner >> 1 & 1, 1], boxes[:, corner >> 2, 2]
     cos, sin = math.cos(yaw), math.sin(yaw)
     depth, across = cos * x + sin * y, sin * x - cos * y
-    behind = (depth <= 0.0).any(axis=1, keepdims=True)
+    ahead = depth > 0.0
+    behind = ~ahead.all(axis=1)
     extents = []
     for one in (across, z):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            slope = np.where(behind, np.where(one > 0.0, np.inf, np.where(one < 0.0, -np.inf, 0.0)), one / depth)
-        extents += [slope.min(axis=1), slope.max(axis=1)]
+        for sign in (1.0, -1.0):
+            lowest = np.where(ahead, sign * one / np.where(ahead, depth, 1.0), np.inf).min(axis=1)
+            extents.append(sign * np.where(behind & (sign * one < 0.0).any(axis=1), -np.inf, lowest))
     return np.stack(extents, axis=1), depth.min(axis=1)
 
 
@@ -164,10 +176,11 @@ def _wide_enough(image: Placement, ranges: Ranges, rules: PlacingRules) -> NDArr
     It has for those turned by the margin at most; and for all others where it is not cut on the side that they turn to.
     """
     across, up = _largest(rules)
+    margin = rules.widest - math.atan(rules.pyramid.across)
     left, bottom, right, top = image.window
     ends = np.stack([ranges.borders, np.append(ranges.borders[1:], TURN)]) - image.yaw
     turned = (ends + math.pi) % TURN - math.pi
     whole_height = -up < bottom and top < up
-    most_left = 0.5 * math.pi if whole_height and left > -across else rules.margin
-    most_right = 0.5 * math.pi if whole_height and right < across else rules.margin
+    most_left = 0.5 * math.pi if whole_height and left > -across else margin
+    most_right = 0.5 * math.pi if whole_height and right < across else margin
     return np.asarray(((turned <= most_left) & (turned >= -most_right)).all(axis=0))

@@ -90,7 +90,8 @@ def solution_grid(cells: ModelCells, rules: PlacingRules, domain: NDArray[np.flo
             raise ParameterError(_too_many(boxes[bad][0], radius, cells, rules, total))
         if level % _STEPS == 0:
             cubes = (2 * cubes[:, None] + _CORNERS).reshape(-1, 3)
-            cubes = cubes[(domain[0] + cubes * (edge * 0.5 ** (level // _STEPS)) <= domain[1]).all(axis=1)]
+            low = domain[0] + cubes * (edge * 0.5 ** (level // _STEPS))
+            cubes = cubes[(low <= domain[1] + 1e-9 * edge).all(axis=1)]
     return _assembled(found, lattice, fov, domain)
 
 

@@ -14,7 +14,7 @@ __all__ = ["Fov", "PlacingRules", "fov_of"]
 @dataclass(frozen=True, slots=True)
 class Fov:
     """A pyramid of view: the tangents of half its angles, ``across`` and ``up``. Raises ParameterError unless both are from
-    0.05 to 20.
+    0.2 to 20.
     """
 
     across: float
@@ -23,9 +23,9 @@ class Fov:
     def __post_init__(self) -> None:
         for name in ("across", "up"):
             value = getattr(self, name)
-            if not 0.05 <= value <= 20.0:
+            if not 0.2 <= value <= 20.0:
                 raise ParameterError(
-                    f"{name}: the tangent of half an angle of view, from 0.05 to 20, expected, found {value!r}"
+                    f"{name}: the tangent of half an angle of view, from 0.2 to 20, expected, found {value!r}"
                 )
 
     def for_pitches(self, most: float) -> Fov:
@@ -57,8 +57,9 @@ class PlacingRules:
     for (the paper's geometry and optimization budgets P and P_opt). Views have the pyramid ``fov`` and any yaw, and are turned
     up or down by at most ``pitch`` radians. Cells are those of an octree of ``depth`` levels below its root. ``cost`` and
     ``benefit`` are the weights C and B of section 3.3.2.1, ``small`` and ``far`` those of the benefit, B1 and B2; subsets are
-    judged by what they lead to within ``look_ahead`` more steps. A picture reaches ``margin`` radians further to the sides than
-    the view it was chosen for, so that it serves views that are turned by so much.
+    judged by what they lead to within ``look_ahead`` more steps. A picture has what views that are turned by ``turn`` radians
+    see beyond the subset, and reaches ``margin`` radians further to the sides than the view that it was chosen for, but not
+    beyond 75 degrees: it serves views that are turned by so much.
     """
 
     budget: int
@@ -70,8 +71,9 @@ class PlacingRules:
     benefit: float = 0.6
     small: float = 0.1
     far: float = 0.9
-    look_ahead: int = 1
-    margin: float = math.radians(15.0)
+    look_ahead: int = 2
+    margin: float = math.radians(30.0)
+    turn: float = math.radians(15.0)
 
     def __post_init__(self) -> None:
         if not 1 <= self.target <= self.budget:
@@ -85,20 +87,27 @@ class PlacingRules:
             ("small", 0.0, 1.0),
             ("far", 0.0, 1.0),
             ("look_ahead", 0, 3),
+            ("margin", math.radians(5.0), math.radians(60.0)),
+            ("turn", 0.0, math.radians(60.0)),
         ):
             value = getattr(self, name)
             if not least <= value <= most:
                 raise ParameterError(f"{name}: a number from {least:g} to {most:g} expected, found {value!r}")
-        widest = math.atan(self.pyramid.across) + self.margin
-        if not (self.margin >= 0.0 and widest < math.radians(80.0)):
+        half = math.degrees(math.atan(self.pyramid.across))
+        if half > 70.0:
             raise ParameterError(
-                f"margin: from 0 to where a picture reaches 80 degrees aside expected, found {math.degrees(widest):.0f}"
+                f"a view, with its pitch, at most 140 degrees wide expected, found {2.0 * half:.0f}: it cannot be a picture"
             )
 
     @property
     def pyramid(self) -> Fov:
         """The level pyramid around all views of a yaw."""
         return self.fov.for_pitches(self.pitch)
+
+    @property
+    def widest(self) -> float:
+        """How far a picture reaches to the sides, radians."""
+        return min(math.atan(self.pyramid.across) + self.margin, math.radians(75.0))
 
     @property
     def cell_triangles(self) -> int:

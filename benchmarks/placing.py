@@ -1,0 +1,231 @@
+"""Where images are placed, after Aliaga & Lastra 1999, without drawing any: table 1 and figure 16 on other models.
+
+    python benchmarks/placing.py pipes --budget 150000 --target 90000,120000 -o out/placing
+    python benchmarks/placing.py plant.glb --budget 30000 --target 18000 --plans 100000 -o out/placing
+
+For each target: the cells; the grid's points and the seconds that it takes; the images, how many a point has, and the
+milliseconds that a point takes; how close to the target the views come that images are chosen for (figure 16: within 2 percent
+typically); and random plans of viewers, eye and yaw, in all of the domain: how many triangles they have in view, in cells, and how
+many are left with the image that serves them: never more than the budget. The ground is not part of the model.
+``reach`` is how far from a point a viewer is at most, in units of the distance between the points, and the farthest of a
+million random ones.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from citygen.generate import generate
+from mmi.dataset.city_files import city_meshes
+from mmi.foundation.camera import Camera
+from mmi.foundation.kernels import kernel
+from mmi.reading.read_city import read_city
+from viewer.placing.coverage import lattice_for, reach
+from viewer.placing.directions import TURN, arcs_of, ranges_of, seen_from
+from viewer.placing.model_cells import ModelCells, model_cells
+from viewer.placing.placements import Placements, placements_at
+from viewer.placing.refining import solution_grid
+from viewer.placing.rules import PlacingRules, fov_of
+from viewer.placing.solution_grid import Needs, SolutionGrid, domain_of
+
+FOV = fov_of(Camera(640, 480, math.radians(60.0)))
+PAPER = (
+    ("power plant, 2M", 250_000, 5815, "21.7 h"),
+    ("torpedo room, 850k", 150_000, 2333, "11.8 h"),
+    ("house, 1.7M", 200_000, 994, "22.0 h"),
+    ("pipes, 1M", 150_000, 893, "4.6 h"),
+    ("pipes, 1M", 200_000, 331, "2.8 h"),
+    ("pipes, 1M", 250_000, 282, "2.4 h"),
+)
+"""Of table 1: budget, layered depth images and preprocessing time, which includes rendering them."""
+
+
+def triangles_of(name: str) -> tuple[NDArray[np.floating], NDArray[np.integer]]:
+    """Positions (v, 3) and triangles (t, 3) of a preset or a file."""
+    city = read_city(Path(name))[0] if Path(name).exists() else generate(name)
+    mesh = city_meshes(city)[0]
+    return mesh.positions, mesh.triangles
+
+
+def placed(
+    cells: ModelCells, grid: SolutionGrid, needs: tuple[Needs, ...], rules: PlacingRules
+) -> tuple[list[Placements], float]:
+    """The images of all points, and the milliseconds that a point takes."""
+    placements_at(grid.points[0], needs[0], cells, rules)
+    start = time.perf_counter()
+    found = [placements_at(point, need, cells, rules) for point, need in zip(grid.points, needs, strict=True)]
+    return found, 1e3 * (time.perf_counter() - start) / len(found)
+
+
+def closeness(
+    cells: ModelCells, grid: SolutionGrid, found: list[Placements], rules: PlacingRules
+) -> NDArray[np.float64]:
+    """(images,) what is left of the view that an image was chosen for, to the target."""
+    left = []
+    for point, one in zip(grid.points, found, strict=True):
+        if one.images:
+            ranges = ranges_of(arcs_of(cells.boxes, point, rules.pyramid), np.zeros(0))
+            seen = ranges.totals(cells.counts)
+            for image in one.images:
+                index = ranges.at(image.yaw)
+                left.append(seen[index] - ranges.totals(cells.counts[image.cells], image.cells)[index])
+    return np.array(left) / rules.target
+
+
+def flown(
+    cells: ModelCells, grid: SolutionGrid, found: list[Placements], rules: PlacingRules, plans: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(plans,) triangles in view of random viewers in the domain, and those that are left."""
+    rng = np.random.default_rng(1)
+    seen, left = np.empty(plans, dtype=np.int64), np.empty(plans, dtype=np.int64)
+    for n, (eye, yaw) in enumerate(
+        zip(rng.uniform(*grid.domain, (plans, 3)), rng.uniform(0, TURN, plans), strict=True)
+    ):
+        drawn = seen_from(cells.boxes, eye, yaw, rules.pyramid)
+        seen[n] = cells.counts[drawn].sum()
+        point = grid.closest(eye, yaw)
+        if point < 0:
+            raise AssertionError(f"a point for {eye}, {yaw} expected, found none")
+        serving = found[point].at(yaw)
+        if serving >= 0:
+            drawn[found[point].images[serving].cells] = False
+        left[n] = cells.counts[drawn].sum()
+    return seen, left
+
+
+def table(
+    name: str, budget: int, targets: list[int], plans: int, flat: tuple[float, float] | None
+) -> list[dict[str, Any]]:
+    """The rows of a model."""
+    positions, triangles = triangles_of(name)
+    rows = []
+    for target in targets:
+        rules = PlacingRules(budget, target, FOV)
+        start = time.perf_counter()
+        cells = model_cells(positions, triangles, depth=rules.depth, most=rules.cell_triangles)
+        celled = time.perf_counter()
+        domain = domain_of(cells)
+        if flat is not None:
+            domain[:, 2] = flat
+        grid = solution_grid(cells, rules, domain)
+        needs = grid.needs()
+        gridded = time.perf_counter()
+        found, ms = placed(cells, grid, needs, rules)
+        images = np.array([len(one.images) for one in found])
+        close = closeness(cells, grid, found, rules)
+        sizes = np.array([one.window for point in found for one in point.images]).reshape(-1, 4)
+        screens = np.prod(sizes[:, 2:] - sizes[:, :2], axis=1) / (4.0 * FOV.across * FOV.up)
+        seen, left = flown(cells, grid, found, rules, plans)
+        rows.append(
+            {
+                "model": name,
+                "triangles": len(triangles),
+                "budget": budget,
+                "target": target,
+                "cells": len(cells.counts),
+                "cells_s": celled - start,
+                "leaves": len(grid.codes),
+                "points": len(grid.points),
+                "grid_s": gridded - celled,
+                "reaches": [float(grid.reaches.min()), float(grid.reaches.max())],
+                "images": int(images.sum()),
+                "images_a_point": np.bincount(images).tolist(),
+                "ms_a_point": ms,
+                "close": np.percentile(close, [1, 25, 50, 75, 100]).tolist() if len(close) else [],
+                "screens": [float(screens.mean()), float(screens.max())] if len(screens) else [],
+                "plans": plans,
+                "seen": [float(seen.mean()), int(seen.max()), float((seen > budget).mean())] if plans else [],
+                "left": [float(left.mean()), int(left.max()), int((left > budget).sum())] if plans else [],
+            }
+        )
+        print(json.dumps(rows[-1]), flush=True)
+    return rows
+
+
+@kernel(error_model="numpy", nogil=True)
+def _farthest(
+    places: NDArray[np.float64], eyes: NDArray[np.float64], yaws: NDArray[np.float64], fov: tuple[float, float]
+) -> float:
+    """The greatest distance from an eye to the nearest place in its reverse pyramid."""
+    worst = 0.0
+    for n in range(len(eyes)):
+        cos, sin, nearest = math.cos(yaws[n]), math.sin(yaws[n]), np.inf
+        for k in range(len(places)):
+            x, y, z = eyes[n, 0] - places[k, 0], eyes[n, 1] - places[k, 1], eyes[n, 2] - places[k, 2]
+            ahead = cos * x + sin * y
+            if abs(z) <= fov[1] * ahead and abs(cos * y - sin * x) <= fov[0] * ahead:
+                nearest = min(nearest, x * x + y * y + z * z)
+        worst = max(worst, nearest)
+    return math.sqrt(worst)
+
+
+def reaches() -> None:
+    """The lattice's constant for some views, and how far it is from what is needed."""
+    print("| view, degrees | points' reach, proven | s | farthest of 10^6 viewers | points in the sphere |")
+    print("|---|---|---|---|---|")
+    for across, up in ((60.0, 46.8), (60.0, 60.0), (90.0, 73.7), (45.0, 34.5)):
+        fov = fov_of(Camera(1000, 1000, math.radians(across)))
+        fov = type(fov)(fov.across, math.tan(math.radians(0.5 * up)))
+        lattice, start = lattice_for(fov), time.perf_counter()
+        bound = reach(lattice, fov)
+        took = time.perf_counter() - start
+        places = lattice.places(lattice.within(-bound * np.ones(3), lattice.period + bound))
+        rng = np.random.default_rng(1)
+        eyes, yaws = rng.uniform(0.0, lattice.period, (1_000_000, 3)), rng.uniform(0.0, TURN, 1_000_000)
+        found = _farthest(places, eyes, yaws, (fov.across, fov.up))
+        inside = 4.0 / 3.0 * math.pi * bound**3 / float(lattice.period.prod())
+        print(f"| {across:g} x {up:g} | {bound:.3f} | {took:.2f} | {found:.3f} | {inside:.0f} |", flush=True)
+
+
+def told(rows: list[dict[str, Any]]) -> None:
+    """The table, with the paper's."""
+    print(
+        "\n| model | P | target | cells | points | grid s | images | ms a point | left / target p1, p50 | left, most |"
+    )
+    print("|" + "---|" * 10)
+    for row in rows:
+        close = f"{row['close'][0]:.3f}, {row['close'][2]:.3f}" if row["close"] else ""
+        most = f"{row['left'][1]:,}" if row["left"] else ""
+        print(
+            f"| {row['model']}, {row['triangles']:,} | {row['budget']:,} | {row['target']:,} | {row['cells']:,} | "
+            f"{row['points']:,} | {row['grid_s']:.1f} | {row['images']:,} | {row['ms_a_point']:.1f} | {close} | {most} |"
+        )
+    for model, budget, images, hours in PAPER:
+        print(f"| paper: {model} | {budget:,} | | | | | {images:,} | {hours} | | |")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("models", nargs="*", metavar="MODEL", help="a preset of citygen, or what build-impostors reads")
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="gets the table as JSON")
+    parser.add_argument("--budget", type=int, default=150_000, metavar="P", help="triangles (default: %(default)s)")
+    parser.add_argument("--target", default="90000", metavar="N,...", help="triangles (default: %(default)s)")
+    parser.add_argument("--plans", type=int, default=10_000, metavar="N", help="random viewers (default: %(default)s)")
+    parser.add_argument(
+        "--heights", metavar="LOW,HIGH", help="of viewers, metres (default: those of the model, and more)"
+    )
+    parser.add_argument("--reach", action="store_true", help="tell the lattice's constants first")
+    options = parser.parse_args()
+    if options.reach:
+        reaches()
+    flat = None
+    if options.heights:
+        low, high = (float(one) for one in options.heights.split(","))
+        flat = (low, high)
+    targets = [int(one) for one in options.target.split(",")]
+    rows = [row for name in options.models for row in table(name, options.budget, targets, options.plans, flat)]
+    told(rows)
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / "placing.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""What a user says of placed images is checked, and pyramids around pitched views hold these."""
+
+import math
+
+import numpy as np
+import pytest
+
+from mmi.foundation.camera import Camera, view_towards
+from mmi.foundation.errors import ParameterError
+from viewer.placing.rules import Fov, PlacingRules, fov_of
+
+USUAL = Fov(0.577, 0.433)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"target": 0}, "target: from 1 triangle to the budget of 1,000 expected, found 0"),
+        ({"target": 1001}, "target: from 1 triangle to the budget of 1,000 expected, found 1,001"),
+        ({"depth": 0}, "depth: a number from 1 to 10 expected, found 0"),
+        ({"benefit": math.nan}, "benefit: a number from 0 to 1 expected, found nan"),
+        ({"look_ahead": 9}, "look_ahead: a number from 0 to 3 expected"),
+        ({"margin": 0.0}, "margin: a number from 0.0872665 to 1.0472 expected, found 0.0"),
+        ({"pitch": 1.2}, "pitch: views that stay below 87 degrees expected, found up to 92"),
+        ({"fov": Fov(3.0, 0.5)}, "at most 140 degrees wide expected, found 143"),
+    ],
+)
+def test_what_has_no_meaning(options, told):
+    with pytest.raises(ParameterError, match=told):
+        PlacingRules(**{"budget": 1000, "target": 500, "fov": USUAL} | options)
+
+
+@pytest.mark.parametrize("bad", [0.1, 21.0, math.nan])
+def test_a_view_is_neither_a_line_nor_all_round(bad):
+    with pytest.raises(ParameterError, match="up: the tangent of half an angle of view"):
+        Fov(1.0, bad)
+
+
+def test_the_pyramid_around_pitched_views_is_the_least_that_holds_them():
+    camera = Camera(640, 480, math.radians(60.0))
+    fov, most = fov_of(camera), 0.3
+    around = fov.for_pitches(most)
+    left, top, width, height = camera.window
+    u, v = np.array([left, 0, left + width] * 2), np.array([top] * 3 + [top + height] * 3)
+    slopes = []
+    for pitch in np.linspace(-most, most, 13):
+        view = view_towards(np.zeros(3), 0.0, pitch, focal=camera.focal, window=camera.window)
+        rays = view.unproject(u, v, np.ones(6))
+        slopes.append(np.abs(rays[:, 1:]) / rays[:, :1])
+    found = np.max(slopes, axis=(0, 1))
+    assert found == pytest.approx([around.across, around.up], rel=1e-9)
+    assert fov.for_pitches(0.0).up == pytest.approx(fov.up)
