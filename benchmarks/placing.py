@@ -5,10 +5,10 @@
 
 For each target: the cells; the grid's points and the seconds that it takes; the images, how many a point has, and the
 milliseconds that a point takes; how close to the target the views come that images are chosen for (figure 16: within 2 percent
-typically); and random plans of viewers, eye and yaw, in all of the domain: how many triangles they have in view, in cells, and how
-many are left with the image that serves them: never more than the budget. The ground is not part of the model.
-``reach`` is how far from a point a viewer is at most, in units of the distance between the points, and the farthest of a
-million random ones.
+typically); and random plans of viewers, eye and yaw, in all of the domain: how many triangles they have in view, in cells, and
+how many are left with the image that serves them: never more than the budget. The ground is not part of the model.
+With ``--reach``, also how far from a point a viewer is at most, in units of the distance between the points, and the farthest
+of a million random ones.
 """
 
 from __future__ import annotations

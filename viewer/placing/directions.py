@@ -29,21 +29,9 @@ _HAIR = 1e-9
 
 def seen_from(boxes: NDArray[np.float64], eye: NDArray[np.float64], yaw: float, fov: Fov) -> NDArray[np.bool_]:
     """(n,) which of ``boxes`` (n, 2, 3) a level view of ``fov`` from ``eye`` (3,) towards ``yaw`` shows, as said above."""
-    low, high = boxes[:, 0] - eye, boxes[:, 1] - eye
-    cos, sin = math.cos(yaw), math.sin(yaw)
-
-    def highest(x: float, y: float) -> NDArray[np.float64]:
-        """(n,) of x X + y Y in a box."""
-        return np.asarray(np.where(x > 0.0, high[:, 0], low[:, 0]) * x + np.where(y > 0.0, high[:, 1], low[:, 1]) * y)
-
-    ahead = highest(cos, sin)
-    return np.asarray(
-        (ahead >= 0.0)
-        & (highest(fov.across * cos + sin, fov.across * sin - cos) >= 0.0)
-        & (highest(fov.across * cos - sin, fov.across * sin + cos) >= 0.0)
-        & (low[:, 2] <= fov.up * ahead)
-        & (-high[:, 2] <= fov.up * ahead)
-    )
+    seen = np.empty(len(boxes), dtype=np.bool_)
+    _write_seen(boxes, np.asarray(eye, dtype=np.float64), math.cos(yaw), math.sin(yaw), fov.across, fov.up, seen)
+    return seen
 
 
 def arcs_of(boxes: NDArray[np.float64], eye: NDArray[np.float64], fov: Fov) -> NDArray[np.float64]:
@@ -163,3 +151,35 @@ def write_arcs(
             arcs[k, 1] = 0.0
         elif last - first < TURN:
             arcs[k, 0], arcs[k, 1] = (middle + first) % TURN, (middle + last) % TURN
+
+
+@kernel(error_model="numpy", nogil=True)
+def _write_seen(
+    boxes: NDArray[np.float64],
+    eye: NDArray[np.float64],
+    cos: float,
+    sin: float,
+    across: float,
+    up: float,
+    seen: NDArray[np.bool_],
+) -> None:
+    """Write which boxes (n, 2, 3) are seen."""
+    for n in range(len(boxes)):
+        ahead, left, right = (
+            0.0,
+            0.0,
+            0.0,
+        )  # the most of a box ahead of the eye, and right of the left side, left of the right
+        for axis in range(2):
+            low, high = boxes[n, 0, axis] - eye[axis], boxes[n, 1, axis] - eye[axis]
+            along, aside = (cos, sin) if axis == 0 else (sin, -cos)
+            ahead += max(along * low, along * high)
+            left += max((across * along + aside) * low, (across * along + aside) * high)
+            right += max((across * along - aside) * low, (across * along - aside) * high)
+        seen[n] = (
+            ahead >= 0.0
+            and left >= 0.0
+            and right >= 0.0
+            and boxes[n, 0, 2] - eye[2] <= up * ahead
+            and eye[2] - boxes[n, 1, 2] <= up * ahead
+        )

@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from mmi.foundation.kernels import kernel
 from viewer.placing.directions import TURN, arcs_of
 from viewer.placing.model_cells import ModelCells
 from viewer.placing.rules import Fov
@@ -21,6 +22,8 @@ __all__ = ["DEEPEST", "Needs", "SolutionGrid", "codes_of", "cube_boxes", "domain
 
 DEEPEST = 12
 """How many times a cube is halved at most."""
+_HAIR = 1e-10
+"""Metres, for each metre of coordinates, that a viewer may be out of a pyramid: less than what arcs of yaw are wider by."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,19 +87,12 @@ class SolutionGrid:
         """The point that serves a viewer at ``eye`` (3,) who looks towards ``yaw``: the nearest of the leaf's in the reverse
         pyramid; -1 outside of the domain.
         """
+        eye = np.asarray(eye, dtype=np.float64)
         leaf = self.leaf_of(eye)
         if leaf < 0:
             return -1
         some = self.leaf_points[self.leaf_starts[leaf] : self.leaf_starts[leaf + 1]]
-        x, y, z = (eye - self.points[some]).T
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        ahead, hair = cos * x + sin * y, 1e-10 * (1.0 + float(np.abs(eye).max()))
-        serves = (np.abs(z) <= self.fov.up * ahead + hair) & (
-            np.abs(cos * y - sin * x) <= self.fov.across * ahead + hair
-        )
-        squares = np.where(serves, x * x + y * y + z * z, np.inf)
-        nearest = int(squares.argmin())
-        return int(some[nearest]) if math.sqrt(squares[nearest]) <= self.reaches[leaf] * (1.0 + 1e-9) else -1
+        return int(_nearest(self.points, some, eye, yaw, self.fov.across, self.fov.up, float(self.reaches[leaf])))
 
     def needs(self) -> tuple[Needs, ...]:
         """What each point is needed for."""
@@ -138,12 +134,14 @@ def cube_boxes(cubes: NDArray[np.int64], depths: NDArray[np.int64], domain: NDAr
     return np.stack([np.minimum(low, domain[1]), np.minimum(low + edges, domain[1])], axis=1)
 
 
+@kernel(nogil=True)
 def codes_of(steps: NDArray[np.int64]) -> NDArray[np.int64]:
     """(n,) Morton codes of (n, 3) smallest cubes."""
     codes = np.zeros(len(steps), dtype=np.int64)
-    for bit in range(DEEPEST):
-        for axis in range(3):
-            codes |= (steps[:, axis] >> bit & 1) << (3 * bit + axis)
+    for n in range(len(steps)):
+        for bit in range(DEEPEST):
+            for axis in range(3):
+                codes[n] |= (steps[n, axis] >> bit & 1) << (3 * bit + axis)
     return codes
 
 
@@ -154,3 +152,27 @@ def _steps(codes: NDArray[np.int64]) -> NDArray[np.int64]:
         for axis in range(3):
             steps[:, axis] |= (codes >> (3 * bit + axis) & 1) << bit
     return steps
+
+
+@kernel(error_model="numpy", nogil=True)
+def _nearest(
+    points: NDArray[np.float64],
+    some: NDArray[np.int32],
+    eye: NDArray[np.float64],
+    yaw: float,
+    across: float,
+    up: float,
+    farthest: float,
+) -> int:
+    """Which of ``some`` points (k,) is the nearest in the reverse pyramid and no farther than ``farthest``; -1: none."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    nearest, found = (farthest * (1.0 + 1e-9)) ** 2, -1
+    for n in some:
+        x, y, z = eye[0] - points[n, 0], eye[1] - points[n, 1], eye[2] - points[n, 2]
+        square = x * x + y * y + z * z
+        if square <= nearest and (found < 0 or square < nearest):
+            ahead = cos * x + sin * y
+            hair = _HAIR * (1.0 + abs(points[n, 0]) + abs(points[n, 1]) + abs(points[n, 2]))
+            if abs(z) <= up * ahead + hair and abs(cos * y - sin * x) <= across * ahead + hair:
+                nearest, found = square, n
+    return found

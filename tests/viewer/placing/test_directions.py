@@ -23,6 +23,33 @@ def boxes_around(seed, count=400):
     return np.stack([middles - half, middles + half], axis=1)
 
 
+def plainly_seen(boxes, eye, yaw, fov):
+    """All boxes at once, plane by plane."""
+    low, high = boxes[:, 0] - eye, boxes[:, 1] - eye
+    cos, sin = math.cos(yaw), math.sin(yaw)
+
+    def highest(x, y):
+        return np.where(x > 0.0, high[:, 0], low[:, 0]) * x + np.where(y > 0.0, high[:, 1], low[:, 1]) * y
+
+    ahead = highest(cos, sin)
+    return (
+        (ahead >= 0.0)
+        & (highest(fov.across * cos + sin, fov.across * sin - cos) >= 0.0)
+        & (highest(fov.across * cos - sin, fov.across * sin + cos) >= 0.0)
+        & (low[:, 2] <= fov.up * ahead)
+        & (-high[:, 2] <= fov.up * ahead)
+    )
+
+
+@pytest.mark.parametrize("fov", FOVS)
+def test_seen_is_what_no_plane_parts_from_the_eye(fov):
+    rng = np.random.default_rng(9)
+    boxes = boxes_around(10)
+    for yaw in YAWS[::7]:
+        eye = rng.normal(scale=3.0, size=3)
+        assert np.array_equal(seen_from(boxes, eye, yaw, fov), plainly_seen(boxes, eye, yaw, fov))
+
+
 @pytest.mark.parametrize("fov", FOVS)
 def test_arcs_hold_all_yaws_that_see(fov):
     boxes = boxes_around(1)
