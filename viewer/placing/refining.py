@@ -32,7 +32,7 @@ _FIRST_SPACING = 0.5
 _STEPS = 3
 """Levels of the lattice from one halving of the cubes to the next."""
 _MOST_POINTS = 200_000
-_AT_ONCE = 4096
+_AT_ONCE = 1024
 """Cubes."""
 
 
@@ -207,7 +207,7 @@ def _judge(
             for axis in range(3):
                 apart = max(boxes[n, 0, axis] - points[k, axis], points[k, axis] - boxes[n, 1, axis], 0.0)
                 square += apart * apart
-            if square <= radius * radius:
+            if math.sqrt(square) <= radius:  # as distances_to rounds
                 near[found] = n
                 found += 1
                 sum_ += counts[n]

@@ -101,7 +101,7 @@ class PlacingRules:
 
     @property
     def pyramid(self) -> Fov:
-        """The level pyramid around all views of a yaw."""
+        """The level pyramid around all views of a yaw: what cells are culled by, whatever the pitch, to keep the budget."""
         return self.fov.for_pitches(self.pitch)
 
     @property
