@@ -45,8 +45,8 @@ class Fov:
 
 
 def fov_of(camera: Camera) -> Fov:
-    """What a display shows."""
-    return Fov(0.5 * camera.width / camera.focal, 0.5 * camera.height / camera.focal)
+    """What a display shows; of an odd number of pixels, the larger half of its window to both sides."""
+    return Fov((camera.width + 1) // 2 / camera.focal, (camera.height + 1) // 2 / camera.focal)
 
 
 @dataclass(frozen=True, slots=True)

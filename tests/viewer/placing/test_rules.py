@@ -36,6 +36,15 @@ def test_a_view_is_neither_a_line_nor_all_round(bad):
         Fov(1.0, bad)
 
 
+@pytest.mark.parametrize("size", [(640, 480), (641, 479)])
+def test_the_pyramid_of_a_display_is_that_of_its_window(size):
+    camera = Camera(*size, math.radians(60.0))
+    left, top, width, height = camera.window
+    fov = fov_of(camera)
+    assert fov.across == max(-left, left + width) / camera.focal
+    assert fov.up == max(-top, top + height) / camera.focal
+
+
 def test_the_pyramid_around_pitched_views_is_the_least_that_holds_them():
     camera = Camera(640, 480, math.radians(60.0))
     fov, most = fov_of(camera), 0.3
