@@ -1,0 +1,206 @@
+"""Pictures of the same triangles from several viewpoints, made one layered image (section 4.1).
+
+The first picture is the image's own: its pixels are the first layer, just as they are. Of the others come, in their order,
+samples that no earlier one has: each pixel is a patch of a plane, and gives a sample to each of the image's pixels whose centre
+the patch covers as the image sees it, exactly at that centre. It is left out where
+
+    the first picture sees through it   it sees something farther, or nothing: what would be there is no surface
+    the pixel has it already            a sample of the same object is nowhere farther off than a tolerance
+
+The tolerance is in pixels of the image: by so much two points on one of its rays are apart at most, as seen from anywhere
+within the radius that the image serves. Samples of slanted surfaces may differ by a quarter of what they cover besides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mmi.foundation.kernels import kernel
+from viewer.placing.layered_image import LayeredImage, Picture
+from viewer.placing.warping import REACH, between, covered
+
+__all__ = ["merged", "slopes_of"]
+
+_STEEPEST = 12.0
+"""The tangent of the steepest angle with the picture that two pixels alone may tell: they may be of two surfaces."""
+_SLANTED = 0.25
+
+
+class _Store(NamedTuple):
+    """Room for samples in the order in which they are found; ``before`` is the one found before in the same pixel, or -1."""
+
+    near: NDArray[np.float64]
+    slopes: NDArray[np.float32]
+    colors: NDArray[np.uint8]
+    ids: NDArray[np.int32]
+    pixels: NDArray[np.int32]
+    before: NDArray[np.int32]
+
+
+def merged(pictures: Sequence[Picture], *, radius: float, tolerance_px: float = 0.5) -> LayeredImage:
+    """One image of all ``pictures``, in the view of the first, for eyes within ``radius`` metres of it.
+
+    Raises ValueError without a picture, or for a radius or tolerance that is not above 0.
+    """
+    if not pictures or not radius > 0.0 or not tolerance_px > 0.0:
+        raise ValueError(f"pictures, radius and tolerance expected, found {len(pictures)}, {radius} and {tolerance_px}")
+    own = pictures[0]
+    width, height = own.view.window[2:]
+    there = np.isfinite(own.depth)
+    pixels = np.flatnonzero(there).astype(np.int32)
+    count = len(pixels)
+    store = _room(2 * count + 1024)
+    store.near[:count], store.slopes[:count] = 1.0 / own.depth[there].astype(np.float64), slopes_of(own)[there]
+    store.colors[:count], store.ids[:count] = own.color[there], own.ids[there]
+    store.pixels[:count], store.before[:count] = pixels, -1
+    latest = np.full(width * height, -1, dtype=np.int32)
+    latest[pixels] = np.arange(count)
+    first = np.zeros(width * height)
+    first[pixels] = store.near[:count]
+    tolerance = tolerance_px / (own.view.focal * radius)
+    for picture in pictures[1:]:
+        shown = (picture.color, picture.depth, picture.ids, slopes_of(picture))
+        matrix, is_full = between(picture.view, own.view), True
+        while is_full:  # what was added before there was no more room is there already, and is not added again
+            count, is_full = _add(*shown, matrix, width, height, tolerance, first, latest, count, store)
+            if is_full:
+                store = _Store(*(np.concatenate([values, np.empty_like(values)]) for values in store))
+    order = np.lexsort((-store.near[:count], store.pixels[:count]))
+    starts = np.zeros(width * height + 1, dtype=np.int32)
+    np.cumsum(np.bincount(store.pixels[:count], minlength=width * height), out=starts[1:])
+    depths = (1.0 / store.near[order]).astype(np.float32)
+    return LayeredImage(own.view, starts, depths, store.slopes[order], store.colors[order], store.ids[order])
+
+
+def slopes_of(picture: Picture) -> NDArray[np.float32]:
+    """(h, w, 2) by how much 1 / depth grows per pixel to the right and down, along the surface that each pixel shows.
+
+    Of the neighbours of the same object on both sides, the one counts that is better on a line with the one beyond it. Where
+    no neighbour has one beyond, what is steeper than a tangent of ``_STEEPEST`` counts as two surfaces, and as facing the eye.
+    """
+    found = np.zeros((*picture.depth.shape, 2), dtype=np.float32)
+    near = 1.0 / picture.depth.astype(np.float64)
+    _slopes(near, picture.ids, _STEEPEST / picture.view.focal, found[..., 0])
+    _slopes(near.T, picture.ids.T, _STEEPEST / picture.view.focal, found[..., 1].T)
+    return found
+
+
+def _room(count: int) -> _Store:
+    return _Store(
+        np.empty(count),
+        np.empty((count, 2), np.float32),
+        np.empty((count, 3), np.uint8),
+        np.empty(count, np.int32),
+        np.empty(count, np.int32),
+        np.empty(count, np.int32),
+    )
+
+
+@kernel(error_model="numpy", nogil=True)
+def _slopes(near: NDArray[np.float64], ids: NDArray[np.int32], steepest: float, found: NDArray[np.float32]) -> None:
+    """Along rows. ``near`` is 0 where nothing is; ``steepest`` the largest change as a share where nothing else tells."""
+    height, width = near.shape
+    for y in range(height):
+        for x in range(width):
+            here, best, slope = near[y, x], np.inf, 0.0
+            if here <= 0.0:
+                continue
+            for side in (-1, 1):
+                x1, x2 = x + side, x + 2 * side
+                if not (0 <= x1 < width and near[y, x1] > 0.0 and ids[y, x1] == ids[y, x]):
+                    continue
+                change, bends = near[y, x1] - here, steepest * here
+                if 0 <= x2 < width and near[y, x2] > 0.0 and ids[y, x2] == ids[y, x]:
+                    bends = min(abs(near[y, x2] - near[y, x1] - change), bends)
+                elif abs(change) > steepest * here:
+                    continue
+                if bends < best:
+                    best, slope = bends, side * change
+            found[y, x] = min(max(slope, -0.9 * here), 0.9 * here)
+
+
+@kernel(error_model="numpy", nogil=True)
+def _add(
+    color: NDArray[np.uint8],
+    depth: NDArray[np.float32],
+    ids: NDArray[np.int32],
+    slopes: NDArray[np.float32],
+    matrix: NDArray[np.float64],
+    width: int,
+    height: int,
+    tolerance: float,
+    first: NDArray[np.float64],
+    latest: NDArray[np.int32],
+    count: int,
+    store: _Store,
+) -> tuple[int, bool]:
+    """Add a picture's samples that are not there yet to ``count`` of them: how many there are then, and whether room ended.
+
+    ``matrix`` (3, 4) leads from the picture to the image; ``first`` is 1 / depth of the image's own picture, 0 for nothing.
+    """
+    for row in range(depth.shape[0]):
+        for column in range(depth.shape[1]):
+            near = 1.0 / depth[row, column]
+            if near <= 0.0:
+                continue
+            u, v, gx, gy = column + 0.5, row + 0.5, float(slopes[row, column, 0]), float(slopes[row, column, 1])
+            h = _lifted(matrix, u, v, 1.0, near)
+            a, b = _lifted(matrix, 1.0, 0.0, 0.0, gx), _lifted(matrix, 0.0, 1.0, 0.0, gy)
+            x0, x1, y0, y1 = covered(h, a, b, 0, width, 0, height)
+            if x0 >= x1 or y0 >= y1:
+                continue
+            # The plane as the image sees it: 1 / depth = p[0] x + p[1] y + p[2].
+            hb, ah, ba = _crossed(h, b), _crossed(a, h), _crossed(b, a)
+            volume = h[0] * ba[0] + h[1] * ba[1] + h[2] * ba[2]
+            p0 = (gx * hb[0] + gy * ah[0] + near * ba[0]) / volume
+            p1 = (gx * hb[1] + gy * ah[1] + near * ba[1]) / volume
+            p2 = (gx * hb[2] + gy * ah[2] + near * ba[2]) / volume
+            for y in range(y0, y1):
+                for x in range(x0, x1):
+                    xc, yc = x + 0.5, y + 0.5
+                    s = xc * hb[0] + yc * hb[1] + hb[2]
+                    t = xc * ah[0] + yc * ah[1] + ah[2]
+                    reach = REACH * abs(xc * ba[0] + yc * ba[1] + ba[2])
+                    if not (abs(s) <= reach and abs(t) <= reach and reach > 0.0):
+                        continue
+                    there, pixel = p0 * xc + p1 * yc + p2, y * width + x
+                    if not 0.0 < there <= first[pixel] + tolerance:
+                        continue
+                    there = min(there, first[pixel])
+                    k = latest[pixel]
+                    while k >= 0:
+                        slanted = _SLANTED * (abs(store.slopes[k, 0]) + abs(store.slopes[k, 1]))
+                        if store.ids[k] == ids[row, column] and abs(store.near[k] - there) <= tolerance + slanted:
+                            break
+                        k = store.before[k]
+                    if k >= 0:
+                        continue
+                    if count == len(store.near):
+                        return count, True
+                    store.near[count], store.ids[count], store.pixels[count] = there, ids[row, column], pixel
+                    store.slopes[count, 0] = min(max(p0, -0.9 * there), 0.9 * there)
+                    store.slopes[count, 1] = min(max(p1, -0.9 * there), 0.9 * there)
+                    for n in range(3):
+                        store.colors[count, n] = color[row, column, n]
+                    store.before[count] = latest[pixel]
+                    latest[pixel] = count
+                    count += 1
+    return count, False
+
+
+@kernel(error_model="numpy", nogil=True, inline="always")
+def _lifted(matrix: NDArray[np.float64], x: float, y: float, one: float, near: float) -> tuple[float, float, float]:
+    return (
+        matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * one + matrix[0, 3] * near,
+        matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2] * one + matrix[1, 3] * near,
+        matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2] * one + matrix[2, 3] * near,
+    )
+
+
+@kernel(error_model="numpy", nogil=True, inline="always")
+def _crossed(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
