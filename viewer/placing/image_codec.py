@@ -2,56 +2,74 @@
 
     header      magic, window, samples, objects, focal length, least and largest 1 / depth, eye_from_world without its last row
     sections    the length of each, then zlib: counts of the pixels' samples, numbers of the objects, and per sample its object,
-                1 / depth, two slopes and color, as what each is off from a prediction
+                1 / depth, two slopes and four reaches; and at last a picture of all colors, in WebP
 
-A sample is predicted from one of its object in the pixel to the left and from one in the pixel above: 1 / depth along their
-planes, slopes and colors as they are, the mean of both. Colors and objects are kept exactly. 1 / depth is kept in 65,535 steps
-between the least and the largest, and is off by half a step at most; a point moves by that times the focal length times the
-viewer's distance from the image's eye, less than 1/100 of a pixel where no sample is closer than the viewer may be. Slopes are
-whole numbers of half steps below 64, and have six binary digits beyond. All arithmetic is in whole numbers: the same anywhere.
+Objects and reaches are kept exactly, colors to 3 of 255. 1 / depth is kept in 4,095 steps between the least and the largest,
+off by half a step at most; a point moves by that times the focal length times the viewer's distance from the image's eye: by
+1/18 of a pixel at most, of 512 at 60 degrees, where no sample is closer than the viewer may be. Slopes are off by two steps or
+1/32, and patches' borders by 1/9 of a pixel then, or by 1/64 of what they cover.
 
-Reading trusts nothing: what does not fit is a DatasetError in one line.
+Objects are predicted from the pixel to the left or above, and so is 1 / depth, of the same object, along a plane. A slope is
+mostly what 1 / depth differs by from a neighbour, and it is enough to say on which side that is. Colors of the first layer lie
+in their picture as in the image, those of further layers below as long as these are in many pixels; the rest follow each other.
+Arithmetic is in whole numbers: the same anywhere. Reading trusts nothing: what does not fit is a DatasetError in one line.
 """
 
 from __future__ import annotations
 
-import math
+import io
 import struct
 import zlib
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from mmi.foundation.camera import View
 from mmi.foundation.errors import DatasetError
 from mmi.foundation.kernels import kernel
-from viewer.placing.layered_image import LayeredImage
+from viewer.placing.layered_image import HALF, LayeredImage
 
 __all__ = ["decoded", "encoded"]
 
 _MAGIC = b"layered1"
 _HEADER = struct.Struct("<8s4i2I15d")
 _LENGTH = struct.Struct("<I")
-_STEPS = 65535
+_STEPS = (1 << 12) - 1
 _LEAST_STEP = 2.0**-24
-"""Steps are not below this share of the largest 1 / depth, so that slopes are not above ``_STEEPEST`` half steps."""
-_STEEPEST = 1 << 26
+"""Steps are not below this share of the largest 1 / depth, so that there is a largest code of slopes."""
+_COARSE = 2
+"""Steps of 1 / depth that a slope may be off by, or its ``_SHARE``-th part, if that is more."""
+_SHARE = 32
+_LEFT, _RIGHT, _CODED = 0, 1, 2
+"""How a slope is told: by the neighbour on one side or on the other, or by its code, from 2 on."""
 _EXACT, _HALF = 64, 32
-"""Slopes below the first, in half steps, are kept as they are; twice as steep a slope has a code larger by the second."""
-_LARGEST_CODE = _EXACT + 21 * _HALF
+"""Slopes below the first, in ``_COARSE`` steps, are their own codes; of twice a slope they are larger by the second."""
+_LARGEST = 1 << 24
+_LARGEST_CODE = _EXACT + 19 * _HALF
 _MOST_PIXELS, _MOST_LAYERS = 1 << 26, 255
+_MOST = 1e9
+"""Depths, distances and focal lengths are not above it, nor depths and focal lengths below its reciprocal."""
 _TURNED = 1e-6
 """By how much a rotation's rows may be off from perpendicular and of length 1."""
+_COLORS = 6
+"""Colors are kept as multiples of it."""
+_FULL = 0.05
+"""The share of pixels that a layer is in from which on its colors are a picture."""
 
 
 class _Coded(NamedTuple):
-    """What samples are, or by how much they are off: places among the objects, steps of 1 / depth, codes of slopes, colors."""
+    """What samples are, and how they are told: places among the objects, steps of 1 / depth, and of slopes per pixel.
+
+    ``off`` are places and steps less what was predicted (m, 2), ``told`` says how slopes are told (m, 2).
+    """
 
     places: NDArray[np.int32]
     steps: NDArray[np.int32]
     slopes: NDArray[np.int32]
-    colors: NDArray[np.uint8]
+    off: NDArray[np.int32]
+    told: NDArray[np.int32]
 
 
 def encoded(image: LayeredImage) -> bytes:
@@ -63,25 +81,20 @@ def encoded(image: LayeredImage) -> bytes:
     low, high = (float(near.min()), float(near.max())) if len(near) else (1.0, 1.0)
     step = _step(low, high)
     objects, places = np.unique(image.ids, return_inverse=True)
-    whole = _Coded(
-        places.reshape(-1).astype(np.int32),
-        np.round((near - low) / step).astype(np.int32),
-        _codes(np.round(2.0 * image.slopes.astype(np.float64) / step)),
-        np.array(image.colors),
-    )
-    off = _room(len(near))
-    _predict(image.starts, counts.shape[1], whole, off, False)
+    coded = _room(len(near))
+    coded.places[:], coded.steps[:] = places.reshape(-1), np.round((near - low) / step)
+    most = float(_LARGEST * _COARSE)
+    coded.slopes[:] = np.clip(np.round(image.slopes.astype(np.float64) / step), -most, most)
+    _predict(image.starts, counts.shape[1], coded, False)
+    _tell_slopes(image.starts, counts.shape[1], coded, False)
     numbers = (*image.view.window, len(near), len(objects), image.view.focal, low, high)
     parts = (
         counts.astype(np.uint8),
         objects.astype("<i4"),
-        _shuffled(off.places),
-        _shuffled(off.steps),
-        _shuffled(off.slopes[:, 0]),
-        _shuffled(off.slopes[:, 1]),
-        np.ascontiguousarray(off.colors.T),
+        *(_shuffled(values) for values in (*coded.off.T, *coded.told.T)),
+        np.ascontiguousarray(image.reaches.T),
     )
-    packed = [zlib.compress(part.tobytes(), 9) for part in parts]
+    packed = [zlib.compress(part.tobytes(), 9) for part in parts] + [_colors_packed(image)]
     head = _HEADER.pack(_MAGIC, *numbers, *image.view.eye_from_world[:3].ravel())
     return head + b"".join(_LENGTH.pack(len(one)) + one for one in packed)
 
@@ -100,47 +113,50 @@ def decoded(data: bytes, where: str) -> LayeredImage:
         raise DatasetError(
             f"{where}: at most {_MOST_LAYERS} samples a pixel, and as many objects, expected, found {samples} and {objects}"
         )
-    if not (math.isfinite(focal) and focal > 0.0 and 0.0 < low <= high < math.inf):
+    if not (1.0 / _MOST <= focal <= _MOST and 1.0 / _MOST <= low <= high <= _MOST):
         raise DatasetError(
-            f"{where}: a focal length and depths above 0 expected, found {focal:g}, {low:g} and {high:g}"
+            f"{where}: a focal length and depths of at most {_MOST:g} expected, found {focal:g}, {low:g} and {high:g}"
         )
     matrix = np.array([*rows, 0.0, 0.0, 0.0, 1.0]).reshape(4, 4)
-    if not (np.isfinite(matrix).all() and abs(matrix[:3, :3] @ matrix[:3, :3].T - np.eye(3)).max() <= _TURNED):
-        raise DatasetError(f"{where}: a rotation and a place expected as the image's view, found {matrix[:3].tolist()}")
+    turned = matrix[:3, :3]
+    if not (abs(turned).max() <= 2.0 and abs(turned @ turned.T - np.eye(3)).max() <= _TURNED):
+        raise DatasetError(f"{where}: a rotation expected in the image's view, found {turned.tolist()}")
+    if not abs(matrix[:3, 3]).max() <= _MOST:
+        raise DatasetError(f"{where}: a place of at most {_MOST:g} m expected, found {matrix[:3, 3].tolist()}")
     sections = _Sections(data, where)
     starts = np.zeros(width * height + 1, dtype=np.int64)
-    np.cumsum(sections.next("counts", width * height), dtype=np.int64, out=starts[1:])
+    np.cumsum(sections.unpacked("counts", width * height), dtype=np.int64, out=starts[1:])
     if starts[-1] != samples:
         raise DatasetError(f"{where}: {samples} samples expected, as the header says, found {starts[-1]}")
-    known = sections.next("objects", 4 * objects).view("<i4").astype(np.int32)
-    off = _Coded(
-        _unshuffled(sections.next("places", 4 * samples)),
-        _unshuffled(sections.next("depths", 4 * samples)),
-        np.stack([_unshuffled(sections.next("slopes", 4 * samples)) for _ in range(2)], axis=1),
-        np.array(sections.next("colors", 3 * samples).reshape(3, samples).T, order="C"),
-    )
+    known = sections.unpacked("objects", 4 * objects).view("<i4").astype(np.int32)
+    coded, starts = _room(samples), starts.astype(np.int32)
+    for column in (coded.off[:, 0], coded.off[:, 1], coded.told[:, 0], coded.told[:, 1]):
+        column[:] = _unshuffled(sections.unpacked("samples", 4 * samples))
+    reaches = np.array(sections.unpacked("reaches", 4 * samples).reshape(4, samples).T, order="C")
+    colors = _colors_unpacked(sections.packed("colors"), starts, width, where)
     sections.end()
-    starts, whole = starts.astype(np.int32), _room(samples)
-    _predict(starts, width, whole, off, True)
-    for name, values, least, most in (
-        ("places", whole.places, 0, objects - 1),
-        ("depths", whole.steps, 0, _STEPS),
-        ("slopes", whole.slopes, -_LARGEST_CODE, _LARGEST_CODE),
-    ):
-        if samples and not (values.min() >= least and values.max() <= most):
-            raise DatasetError(f"{where}: {name} of {least} to {most} expected, found {values.min()} to {values.max()}")
+    _predict(starts, width, coded, True)
     same = np.ones(samples, dtype=bool)
     same[starts[:-1][starts[:-1] < samples]] = False
-    if (np.diff(whole.steps)[same[1:]] > 0).any():
-        raise DatasetError(f"{where}: samples from near to far expected, found others")
+    for name, values, least, most in (
+        ("places", coded.places, 0, objects - 1),
+        ("depths", coded.steps, 0, _STEPS),
+        ("depths from near to far", np.diff(coded.steps)[same[1:]], -_STEPS, 0),
+        ("slopes", coded.told, -_LARGEST_CODE, _LARGEST_CODE),
+        ("reaches", reaches, 0, HALF),
+    ):
+        if values.size and not (values.min() >= least and values.max() <= most):
+            raise DatasetError(f"{where}: {name} of {least} to {most} expected, found {values.min()} to {values.max()}")
+    _tell_slopes(starts, width, coded, True)
     step = _step(low, high)
     return LayeredImage(
         View(matrix, focal, (left, top, width, height)),
         starts,
-        (1.0 / (low + step * whole.steps)).astype(np.float32),
-        (0.5 * step * _half_steps(whole.slopes)).astype(np.float32),
-        whole.colors,
-        known[whole.places],
+        (1.0 / (low + step * coded.steps)).astype(np.float32),
+        (step * coded.slopes).astype(np.float32),
+        reaches,
+        colors,
+        known[coded.places],
     )
 
 
@@ -150,18 +166,22 @@ class _Sections:
     def __init__(self, data: bytes, where: str) -> None:
         self._data, self._where, self._at = data, where, _HEADER.size
 
-    def next(self, name: str, size: int) -> NDArray[np.uint8]:
-        """The bytes of the next one. Raises DatasetError unless there are ``size``."""
+    def packed(self, name: str) -> bytes:
+        """The bytes of the next one. Raises DatasetError where there are none."""
         start = self._at + _LENGTH.size
         length = _LENGTH.unpack_from(self._data, self._at)[0] if start <= len(self._data) else 0
         self._at = start + length
         if not 0 < length <= len(self._data) - start:
             raise DatasetError(f"{self._where}: {name} expected at byte {start}, found the file's end")
+        return self._data[start : self._at]
+
+    def unpacked(self, name: str, size: int) -> NDArray[np.uint8]:
+        """What the next one unpacks into. Raises DatasetError unless that is ``size`` bytes."""
         reader = zlib.decompressobj()
         try:
-            found = reader.decompress(self._data[start : self._at], size + 1)
+            found = reader.decompress(self.packed(name), size + 1)
         except zlib.error as error:
-            raise DatasetError(f"{self._where}: {name} expected at byte {start}, found no zlib stream") from error
+            raise DatasetError(f"{self._where}: {name} expected, found what zlib cannot unpack") from error
         if len(found) != size or not reader.eof or reader.unused_data:
             raise DatasetError(f"{self._where}: {size} bytes of {name} expected, found {len(found)} or more")
         return np.frombuffer(found, dtype=np.uint8)
@@ -176,30 +196,9 @@ def _step(low: float, high: float) -> float:
     return max((high - low) / _STEPS, _LEAST_STEP * high)
 
 
-def _codes(half_steps: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Whole numbers -> their codes; ascending, and those below 64 are their own."""
-    most = np.minimum(np.abs(half_steps), _STEEPEST)
-    doublings = np.maximum(np.frexp(np.maximum(most, 1.0))[1] - 6, 0)
-    codes = _HALF * doublings + np.round(most / 2.0**doublings)
-    signed: NDArray[np.int32] = (np.sign(half_steps) * codes).astype(np.int32)
-    return signed
-
-
-def _half_steps(codes: NDArray[np.int32]) -> NDArray[np.float64]:
-    """The numbers that codes stand for."""
-    size = np.abs(codes)
-    doublings = np.maximum(size // _HALF - 1, 0)
-    found: NDArray[np.float64] = np.sign(codes) * (size - _HALF * doublings) * 2.0**doublings
-    return found
-
-
 def _room(count: int) -> _Coded:
-    return _Coded(
-        np.empty(count, np.int32),
-        np.empty(count, np.int32),
-        np.empty((count, 2), np.int32),
-        np.empty((count, 3), np.uint8),
-    )
+    one, two = np.zeros(count, np.int32), np.zeros((count, 2), np.int32)
+    return _Coded(one, one.copy(), two, two.copy(), two.copy())
 
 
 def _shuffled(values: NDArray[np.int32]) -> NDArray[np.uint8]:
@@ -214,46 +213,124 @@ def _unshuffled(data: NDArray[np.uint8]) -> NDArray[np.int32]:
     return signed
 
 
+def _places_of_colors(starts: NDArray[np.int32], width: int) -> tuple[NDArray[np.int64], int]:
+    """Where samples have their colors in a picture ``width`` pixels wide, counted row by row, and how many rows it has."""
+    counts = np.diff(starts)
+    pixels = np.repeat(np.arange(len(counts)), counts)
+    layers = np.arange(len(pixels)) - starts[pixels]
+    of_layers = np.bincount(layers, minlength=1)
+    full = 1 + int(np.cumprod(of_layers[1:] >= _FULL * len(counts)).sum())
+    found = layers * len(counts) + pixels
+    rest = layers >= full
+    found[rest] = full * len(counts) + np.arange(int(rest.sum()))
+    return found, full * (len(counts) // width) + -(-int(rest.sum()) // width)
+
+
+def _colors_packed(image: LayeredImage) -> bytes:
+    """A picture of all colors; where there are none, the last one goes on."""
+    width = image.view.window[2]
+    places, height = _places_of_colors(image.starts, width)
+    picture = np.zeros((width * height, 3), dtype=np.uint8)
+    latest = np.zeros(width * height, dtype=np.int64)
+    latest[places] = places
+    picture[places] = np.minimum((image.colors.astype(np.int32) + _COLORS // 2) // _COLORS * _COLORS, 255)
+    file = io.BytesIO()
+    whole = Image.fromarray(picture[np.maximum.accumulate(latest)].reshape(height, width, 3))
+    whole.save(file, "WEBP", lossless=True, quality=50, method=3)
+    return file.getvalue()
+
+
+def _colors_unpacked(data: bytes, starts: NDArray[np.int32], width: int, where: str) -> NDArray[np.uint8]:
+    places, height = _places_of_colors(starts, width)
+    try:
+        with Image.open(io.BytesIO(data), formats=("WEBP",)) as picture:
+            if picture.size != (width, height) or picture.mode != "RGB":
+                raise DatasetError(
+                    f"{where}: a color picture of {width} x {height} expected, found {picture.mode}, "
+                    f"{picture.size[0]} x {picture.size[1]}"
+                )
+            found = np.asarray(picture).reshape(-1, 3)[places]
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise DatasetError(f"{where}: colors in WebP expected, found what cannot be read") from error
+    return found
+
+
 @kernel(error_model="numpy", nogil=True)
-def _predict(starts: NDArray[np.int32], width: int, whole: _Coded, off: _Coded, decode: bool) -> None:
-    """Find out by how much samples are off from their predictions, or with ``decode`` what samples are that are so much off."""
+def _predict(starts: NDArray[np.int32], width: int, coded: _Coded, decode: bool) -> None:
+    """Find out by how much places and steps are off from what is predicted, or with ``decode`` what they are."""
+    places, steps = coded.places, coded.steps
     for pixel in range(len(starts) - 1):
         aside = pixel - 1 if pixel % width > 0 else -1
         above = pixel - width
+        corner = above - 1 if aside >= 0 else -1
         for k in range(starts[pixel], starts[pixel + 1]):
             rank = k - starts[pixel]
             left, up = _of_rank(starts, aside, rank), _of_rank(starts, above, rank)
-            place = whole.places[left] if left >= 0 else whole.places[up] if up >= 0 else 0
+            place = places[left] if left >= 0 else places[up] if up >= 0 else 0
             if decode:
-                whole.places[k] = off.places[k] + place
+                places[k] = coded.off[k, 0] + place
             else:
-                off.places[k] = whole.places[k] - place
-            place = whole.places[k]
-            left, up = _like(starts, aside, left, place, whole.places), _like(starts, above, up, place, whole.places)
-            weight = max((left >= 0) + (up >= 0), 1)
-            twice, x, y, r, g, b = 0, 0, 0, 0, 0, 0
-            for i in range(2):
-                n = left if i == 0 else up
-                if n >= 0:
-                    code = whole.slopes[n, i]
-                    doublings = min(max(abs(code) // _HALF - 1, 0), 24)
-                    along = (abs(code) - _HALF * doublings) << doublings
-                    twice += 2 * whole.steps[n] + (along if code > 0 else -along)
-                    x, y = x + whole.slopes[n, 0], y + whole.slopes[n, 1]
-                    r, g, b = r + whole.colors[n, 0], g + whole.colors[n, 1], b + whole.colors[n, 2]
-            twice, x, y = twice // weight, x // weight, y // weight
-            color = (r // weight, g // weight, b // weight)
-            near = min(max(twice // 2, 0), _STEPS)
+                coded.off[k, 0] = places[k] - place
+            place = places[k]
+            left, up = _like(starts, aside, left, place, places), _like(starts, above, up, place, places)
+            predicted = 0
+            if left >= 0 and up >= 0:
+                beyond = _like(starts, corner, _of_rank(starts, corner, rank), place, places)
+                least, most = min(steps[left], steps[up]), max(steps[left], steps[up])
+                predicted = (least + most) // 2
+                if beyond >= 0:
+                    spread = most - least + 16
+                    predicted = min(max(steps[left] + steps[up] - steps[beyond], least - spread), most + spread)
+            elif left >= 0 or up >= 0:
+                predicted = steps[left] if left >= 0 else steps[up]
+            elif rank > 0:
+                predicted = steps[k - 1]
+            if rank > 0:
+                predicted = min(predicted, steps[k - 1])
             if decode:
-                whole.steps[k] = off.steps[k] + near
-                whole.slopes[k, 0], whole.slopes[k, 1] = off.slopes[k, 0] + x, off.slopes[k, 1] + y
-                for n in range(3):
-                    whole.colors[k, n] = (off.colors[k, n] + color[n]) & 255
+                steps[k] = coded.off[k, 1] + predicted
             else:
-                off.steps[k] = whole.steps[k] - near
-                off.slopes[k, 0], off.slopes[k, 1] = whole.slopes[k, 0] - x, whole.slopes[k, 1] - y
-                for n in range(3):
-                    off.colors[k, n] = (whole.colors[k, n] - color[n]) & 255
+                coded.off[k, 1] = steps[k] - predicted
+
+
+@kernel(error_model="numpy", nogil=True)
+def _tell_slopes(starts: NDArray[np.int32], width: int, coded: _Coded, decode: bool) -> None:
+    """Find out how slopes are told, or with ``decode`` what they are."""
+    for pixel in range(len(starts) - 1):
+        for k in range(starts[pixel], starts[pixel + 1]):
+            for axis in range(2):
+                sides = (pixel - 1, pixel + 1) if axis == 0 else (pixel - width, pixel + width)
+                if axis == 0 and pixel % width == 0:
+                    sides = (-1, sides[1])
+                if axis == 0 and pixel % width == width - 1:
+                    sides = (sides[0], -1)
+                if decode:
+                    told = coded.told[k, axis]
+                    if told in (_LEFT, _RIGHT):
+                        n = _nearest(starts, sides[told], k, coded)
+                        change = coded.steps[n] - coded.steps[k] if n >= 0 else 0
+                        coded.slopes[k, axis] = -change if told == _LEFT else change
+                    else:
+                        code = told - _CODED if told > 0 else told
+                        doublings = max(abs(code) // _HALF - 1, 0)
+                        size = (abs(code) - _HALF * doublings) * _COARSE << doublings
+                        coded.slopes[k, axis] = size if code > 0 else -size
+                    continue
+                one, other = _nearest(starts, sides[0], k, coded), _nearest(starts, sides[1], k, coded)
+                left = coded.steps[k] - coded.steps[one] if one >= 0 else 0
+                right = coded.steps[other] - coded.steps[k] if other >= 0 else 0
+                slope = coded.slopes[k, axis]
+                most = max(_COARSE, abs(slope) // _SHARE)
+                if abs(left - slope) <= most and abs(left - slope) <= 2 * abs(right - slope):
+                    coded.told[k, axis] = _LEFT
+                elif abs(right - slope) <= most:
+                    coded.told[k, axis] = _RIGHT
+                else:
+                    size, doublings = (abs(slope) + _COARSE // 2) // _COARSE, 0
+                    while size >= _EXACT:
+                        size, doublings = (size + 1) // 2, doublings + 1
+                    code = size + _HALF * doublings
+                    coded.told[k, axis] = code + _CODED if slope >= 0 or code == 0 else -code
 
 
 @kernel(error_model="numpy", nogil=True)
@@ -273,3 +350,16 @@ def _like(starts: NDArray[np.int32], pixel: int, guess: int, place: int, places:
         if places[n] == place:
             return n
     return -1
+
+
+@kernel(error_model="numpy", nogil=True)
+def _nearest(starts: NDArray[np.int32], pixel: int, k: int, coded: _Coded) -> int:
+    """The sample in a pixel that is nearest to sample ``k`` of the same object; -1 where there is none, or no such pixel."""
+    found = -1
+    if 0 <= pixel < len(starts) - 1:
+        for n in range(starts[pixel], starts[pixel + 1]):
+            if coded.places[n] == coded.places[k]:
+                away = abs(coded.steps[n] - coded.steps[k])
+                if found < 0 or away < abs(coded.steps[found] - coded.steps[k]):
+                    found = n
+    return found

@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 
-__all__ = ["NOTHING", "LayeredImage", "Picture"]
+__all__ = ["HALF", "NOTHING", "LayeredImage", "Picture"]
+
+HALF = 15
+"""Half a pixel as :class:`LayeredImage` has reaches."""
 
 NOTHING = -1
 """The object of a pixel that shows nothing."""
@@ -47,23 +50,31 @@ class LayeredImage:
 
     ``starts`` (h * w + 1,) int32; of m samples, each pixel's from near to far, the ``depths`` (m,) float32, metres along the
     view's axis at the pixel's centre; the ``slopes`` (m, 2) float32 of 1 / depth, per pixel to the right and down; the
-    ``colors`` (m, 3) uint8 sRGB and the objects ``ids`` (m,) int32. Arrays cannot be written to.
+    ``reaches`` (m, 4) uint8 of patches from the centre to the left, to the right, up and down, ``HALF`` for half a pixel, which
+    is the most; the ``colors`` (m, 3) uint8 sRGB and the objects ``ids`` (m,) int32. Arrays cannot be written to.
     """
 
     view: View
     starts: NDArray[np.int32]
     depths: NDArray[np.float32]
     slopes: NDArray[np.float32]
+    reaches: NDArray[np.uint8]
     colors: NDArray[np.uint8]
     ids: NDArray[np.int32]
 
     def __post_init__(self) -> None:
         pixels, samples = self.view.window[2] * self.view.window[3], len(self.depths)
-        shapes = {"starts": (pixels + 1,), "slopes": (samples, 2), "colors": (samples, 3), "ids": (samples,)}
+        shapes = {
+            "starts": (pixels + 1,),
+            "slopes": (samples, 2),
+            "reaches": (samples, 4),
+            "colors": (samples, 3),
+            "ids": (samples,),
+        }
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} of shape {shape} expected, found {getattr(self, name).shape}")
-        for name in ("starts", "depths", "slopes", "colors", "ids"):
+        for name in ("starts", "depths", "slopes", "reaches", "colors", "ids"):
             getattr(self, name).setflags(write=False)
 
     @property

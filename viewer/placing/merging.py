@@ -8,7 +8,11 @@ the patch covers as the image sees it, exactly at that centre. It is left out wh
     the pixel has it already            a sample of the same object is nowhere farther off than a tolerance
 
 The tolerance is in pixels of the image: by so much two points on one of its rays are apart at most, as seen from anywhere
-within the radius that the image serves. Samples of slanted surfaces may differ by a quarter of what they cover besides.
+within the radius that the image serves. Samples of slanted surfaces may differ by a quarter of what they cover besides. Where
+a later picture has finer pixels, its slopes count.
+
+At last, patches that have no neighbour of their surface on a side end there where one of the other pictures sees past them:
+slanted ones would otherwise reach far over their surface's border.
 """
 
 from __future__ import annotations
@@ -20,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.foundation.kernels import kernel
-from viewer.placing.layered_image import LayeredImage, Picture
+from viewer.placing.layered_image import HALF, LayeredImage, Picture
 from viewer.placing.warping import REACH, between, covered
 
 __all__ = ["merged", "slopes_of"]
@@ -28,15 +32,23 @@ __all__ = ["merged", "slopes_of"]
 _STEEPEST = 12.0
 """The tangent of the steepest angle with the picture that two pixels alone may tell: they may be of two surfaces."""
 _SLANTED = 0.25
+_BENT = 8.0
+"""How many times the tolerance an object may be behind a patch of its own that does not reach over its border: it is bent."""
+_FINER = 0.5
+"""A picture whose pixels cover less than this share of what those cover that told a slope tells it better."""
 
 
 class _Store(NamedTuple):
-    """Room for samples in the order in which they are found; ``before`` is the one found before in the same pixel, or -1."""
+    """Room for samples in the order in which they are found; ``before`` is the one found before in the same pixel, or -1.
+
+    ``areas`` are what a pixel of the picture that told the slopes covers, in pixels of the image.
+    """
 
     near: NDArray[np.float64]
     slopes: NDArray[np.float32]
     colors: NDArray[np.uint8]
     ids: NDArray[np.int32]
+    areas: NDArray[np.float32]
     pixels: NDArray[np.int32]
     before: NDArray[np.int32]
 
@@ -56,14 +68,15 @@ def merged(pictures: Sequence[Picture], *, radius: float, tolerance_px: float = 
     store = _room(2 * count + 1024)
     store.near[:count], store.slopes[:count] = 1.0 / own.depth[there].astype(np.float64), slopes_of(own)[there]
     store.colors[:count], store.ids[:count] = own.color[there], own.ids[there]
-    store.pixels[:count], store.before[:count] = pixels, -1
+    store.areas[:count], store.pixels[:count], store.before[:count] = 1.0, pixels, -1
     latest = np.full(width * height, -1, dtype=np.int32)
     latest[pixels] = np.arange(count)
     first = np.zeros(width * height)
     first[pixels] = store.near[:count]
     tolerance = tolerance_px / (own.view.focal * radius)
-    for picture in pictures[1:]:
-        shown = (picture.color, picture.depth, picture.ids, slopes_of(picture))
+    slopes = [slopes_of(picture) for picture in pictures[1:]]
+    for picture, of_picture in zip(pictures[1:], slopes, strict=True):
+        shown = (picture.color, picture.depth, picture.ids, of_picture)
         matrix, is_full = between(picture.view, own.view), True
         while is_full:  # what was added before there was no more room is there already, and is not added again
             count, is_full = _add(*shown, matrix, width, height, tolerance, first, latest, count, store)
@@ -72,8 +85,28 @@ def merged(pictures: Sequence[Picture], *, radius: float, tolerance_px: float = 
     order = np.lexsort((-store.near[:count], store.pixels[:count]))
     starts = np.zeros(width * height + 1, dtype=np.int32)
     np.cumsum(np.bincount(store.pixels[:count], minlength=width * height), out=starts[1:])
-    depths = (1.0 / store.near[order]).astype(np.float32)
-    return LayeredImage(own.view, starts, depths, store.slopes[order], store.colors[order], store.ids[order])
+    near, bends, ids = store.near[order], store.slopes[order], store.ids[order]
+    reaches = np.full((count, 4), HALF, dtype=np.uint8)
+    is_border = np.empty((count, 4), dtype=bool)
+    _find_borders(starts, width, near, bends, ids, tolerance, is_border)
+    for picture, of_picture in zip(pictures[1:], slopes, strict=True):
+        matrix = between(own.view, picture.view)
+        _shorten(
+            picture.depth,
+            of_picture,
+            picture.ids,
+            matrix,
+            starts,
+            width,
+            near,
+            bends,
+            ids,
+            is_border,
+            tolerance,
+            reaches,
+        )
+    depths = (1.0 / near).astype(np.float32)
+    return LayeredImage(own.view, starts, depths, bends, reaches, store.colors[order], ids)
 
 
 def slopes_of(picture: Picture) -> NDArray[np.float32]:
@@ -95,6 +128,7 @@ def _room(count: int) -> _Store:
         np.empty((count, 2), np.float32),
         np.empty((count, 3), np.uint8),
         np.empty(count, np.int32),
+        np.empty(count, np.float32),
         np.empty(count, np.int32),
         np.empty(count, np.int32),
     )
@@ -159,6 +193,7 @@ def _add(
             p0 = (gx * hb[0] + gy * ah[0] + near * ba[0]) / volume
             p1 = (gx * hb[1] + gy * ah[1] + near * ba[1]) / volume
             p2 = (gx * hb[2] + gy * ah[2] + near * ba[2]) / volume
+            area = abs(volume) / (h[2] * h[2] * h[2])
             for y in range(y0, y1):
                 for x in range(x0, x1):
                     xc, yc = x + 0.5, y + 0.5
@@ -178,10 +213,15 @@ def _add(
                             break
                         k = store.before[k]
                     if k >= 0:
+                        if area < _FINER * store.areas[k]:
+                            store.areas[k] = area
+                            store.slopes[k, 0] = min(max(p0, -0.9 * there), 0.9 * there)
+                            store.slopes[k, 1] = min(max(p1, -0.9 * there), 0.9 * there)
                         continue
                     if count == len(store.near):
                         return count, True
                     store.near[count], store.ids[count], store.pixels[count] = there, ids[row, column], pixel
+                    store.areas[count] = area
                     store.slopes[count, 0] = min(max(p0, -0.9 * there), 0.9 * there)
                     store.slopes[count, 1] = min(max(p1, -0.9 * there), 0.9 * there)
                     for n in range(3):
@@ -204,3 +244,102 @@ def _lifted(matrix: NDArray[np.float64], x: float, y: float, one: float, near: f
 @kernel(error_model="numpy", nogil=True, inline="always")
 def _crossed(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@kernel(error_model="numpy", nogil=True)
+def _find_borders(
+    starts: NDArray[np.int32],
+    width: int,
+    near: NDArray[np.float64],
+    slopes: NDArray[np.float32],
+    ids: NDArray[np.int32],
+    tolerance: float,
+    is_border: NDArray[np.bool_],
+) -> None:
+    """Find the sides (m, 4), left, right, up and down, on which samples have no neighbour of their surface."""
+    for pixel in range(len(starts) - 1):
+        column = pixel % width
+        for side in range(4):
+            axis, way = side // 2, 2 * (side % 2) - 1
+            other = pixel + way * (1 if axis == 0 else width)
+            exists = 0 <= column + way < width if axis == 0 else 0 <= other < len(starts) - 1
+            for k in range(starts[pixel], starts[pixel + 1]):
+                is_border[k, side] = True
+                if not exists:
+                    continue
+                for n in range(starts[other], starts[other + 1]):
+                    if ids[n] != ids[k]:
+                        continue
+                    gap = near[n] - near[k] - 0.5 * way * (slopes[n, axis] + slopes[k, axis])
+                    if abs(gap) <= tolerance + _SLANTED * (abs(slopes[n, axis]) + abs(slopes[k, axis])):
+                        is_border[k, side] = False
+                        break
+
+
+@kernel(error_model="numpy", nogil=True)
+def _shorten(
+    depth: NDArray[np.float32],
+    picture_slopes: NDArray[np.float32],
+    of_picture: NDArray[np.int32],
+    matrix: NDArray[np.float64],
+    starts: NDArray[np.int32],
+    width: int,
+    near: NDArray[np.float64],
+    slopes: NDArray[np.float32],
+    ids: NDArray[np.int32],
+    is_border: NDArray[np.bool_],
+    tolerance: float,
+    reaches: NDArray[np.uint8],
+) -> None:
+    """Let patches end where a picture sees past them, on the sides where they are at their surface's border.
+
+    A picture that sees a patch smaller than a pixel, or past its middle, cannot tell. ``matrix`` (3, 4) leads from the image to
+    the picture.
+    """
+    for pixel in range(len(starts) - 1):
+        u, v = pixel % width + 0.5, pixel // width + 0.5
+        for k in range(starts[pixel], starts[pixel + 1]):
+            if not (is_border[k, 0] or is_border[k, 1] or is_border[k, 2] or is_border[k, 3]):
+                continue
+            middle = _lifted(matrix, u, v, 1.0, near[k])
+            right, down = _lifted(matrix, 1.0, 0.0, 0.0, slopes[k, 0]), _lifted(matrix, 0.0, 1.0, 0.0, slopes[k, 1])
+            across = _crossed(right, down)
+            volume = abs(middle[0] * across[0] + middle[1] * across[1] + middle[2] * across[2])
+            if not (middle[2] > 0.0 and volume >= middle[2] * middle[2] * middle[2]):
+                continue
+            if _sees_past(middle, near[k], ids[k], depth, picture_slopes, of_picture, tolerance):
+                continue
+            for side in range(4):
+                if not is_border[k, side]:
+                    continue
+                axis, way = side // 2, 2 * (side % 2) - 1
+                for step in range(1, reaches[k, side] + 1):
+                    aside = way * 0.5 * step / HALF
+                    there = near[k] + aside * slopes[k, axis]
+                    x, y = u + (aside if axis == 0 else 0.0), v + (aside if axis == 1 else 0.0)
+                    end = _lifted(matrix, x, y, 1.0, there)
+                    if _sees_past(end, there, ids[k], depth, picture_slopes, of_picture, tolerance):
+                        reaches[k, side] = step - 1
+                        break
+
+
+@kernel(error_model="numpy", nogil=True)
+def _sees_past(
+    h: tuple[float, float, float],
+    near: float,
+    one: int,
+    depth: NDArray[np.float32],
+    slopes: NDArray[np.float32],
+    ids: NDArray[np.int32],
+    tolerance: float,
+) -> bool:
+    """Whether a picture shows something behind a point of an object ``one``, which is at ``h`` in it, ``near`` in the image."""
+    if not h[2] > 0.0:
+        return False
+    x, y = h[0] / h[2], h[1] / h[2]
+    if not (0.0 <= x < depth.shape[1] and 0.0 <= y < depth.shape[0]):
+        return False
+    column, row = int(x), int(y)
+    slanted = 0.5 * (abs(slopes[row, column, 0]) + abs(slopes[row, column, 1]))
+    margin = tolerance * (_BENT if ids[row, column] == one else 1.0)
+    return bool(near / h[2] > 1.0 / depth[row, column] + slanted + margin)

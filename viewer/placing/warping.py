@@ -21,12 +21,14 @@ from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 from mmi.foundation.kernels import kernel
-from viewer.placing.layered_image import NOTHING, LayeredImage
+from viewer.placing.layered_image import HALF, NOTHING, LayeredImage
 
 __all__ = ["REACH", "Warped", "between", "covered", "warped"]
 
 REACH = 0.52
-"""Pixels that patches reach to each side of their centres: half a pixel, and what rounding needs for them to meet."""
+"""Pixels that patches reach to each side of their centres at most: half a pixel, and ``_MEET``."""
+_MEET = 0.02
+"""Pixels that patches reach farther than they should, so that neighbours meet in spite of rounding."""
 _FLAT = 1.0 / 64.0
 """A patch whose distance varies by at most this share to each side looks like a parallelogram."""
 _FAR = 1e9
@@ -76,7 +78,7 @@ def warped(image: LayeredImage, view: View, *, threads: int = 1) -> Warped:
     pixels = np.full((height, width), NOTHING, np.int32)
     matrix, size = between(image.view, view), image.view.window[2:]
     x, y, ahead, eye_depth = _epipole(image.view, view)
-    samples = (image.starts, image.depths, image.slopes, image.colors, image.ids)
+    samples = (image.starts, image.depths, image.slopes, image.reaches, image.colors, image.ids)
 
     def paint(band: int) -> None:
         top, bottom = height * band // threads, height * (band + 1) // threads
@@ -170,6 +172,7 @@ def _paint(
     starts: NDArray[np.int32],
     depths: NDArray[np.float32],
     slopes: NDArray[np.float32],
+    reaches: NDArray[np.uint8],
     colors: NDArray[np.uint8],
     ids: NDArray[np.int32],
     size: tuple[int, int],
@@ -183,7 +186,7 @@ def _paint(
     shown: NDArray[np.int32],
     pixels: NDArray[np.int32],
 ) -> None:
-    """Paint all samples into the ``rows`` from the first to before the second; ``pixels`` are those that they have in the image."""
+    """Paint all samples into some ``rows``, to before the second; ``pixels`` are the image's that they come from."""
     m00, m01, m02, p0 = matrix[0]
     m10, m11, m12, p1 = matrix[1]
     m20, m21, m22, p2 = matrix[2]
@@ -210,6 +213,10 @@ def _paint(
                 a = (m00 + gx * p0, m10 + gx * p1, m20 + gx * p2)
                 b = (m01 + gy * p0, m11 + gy * p1, m21 + gy * p2)
                 x0, x1, y0, y1 = covered(h, a, b, 0, right, top, bottom)
+                if x0 >= x1 or y0 >= y1:
+                    continue
+                left_reach, right_reach = 0.5 / HALF * reaches[k, 0] + _MEET, 0.5 / HALF * reaches[k, 1] + _MEET
+                up_reach, down_reach = 0.5 / HALF * reaches[k, 2] + _MEET, 0.5 / HALF * reaches[k, 3] + _MEET
                 for y in range(y0, y1):
                     yc = y + 0.5
                     a1, b1, h1 = a[1] - yc * a[2], b[1] - yc * b[2], yc * h[2] - h[1]
@@ -218,8 +225,11 @@ def _paint(
                         a0, b0, h0 = a[0] - xc * a[2], b[0] - xc * b[2], xc * h[2] - h[0]
                         area = a0 * b1 - b0 * a1
                         s, t = h0 * b1 - b0 * h1, a0 * h1 - h0 * a1
-                        reach = REACH * abs(area)
-                        if not (abs(s) <= reach and abs(t) <= reach and reach > 0.0):
+                        if area < 0.0:
+                            area, s, t = -area, -s, -t
+                        if not (-left_reach * area <= s <= right_reach * area and area > 0.0):
+                            continue
+                        if not -up_reach * area <= t <= down_reach * area:
                             continue
                         s, t = s / area, t / area
                         there = near + s * gx + t * gy
@@ -245,7 +255,7 @@ def _fill(
     depth: NDArray[np.float32],
     shown: NDArray[np.int32],
 ) -> None:
-    """Close cracks: pixels beyond two opposite ones of one surface, from neighbours in the image, which is ``width`` pixels wide.
+    """Close cracks: pixels beyond two opposite ones of a surface, which are neighbours in the image, ``width`` pixels wide.
 
     ``before`` are the depths without that.
     """

@@ -9,7 +9,7 @@ from placed_pictures import FOCAL, apart, picture_of, view_at
 
 from mmi.foundation.errors import DatasetError
 from viewer.placing.image_codec import decoded, encoded
-from viewer.placing.layered_image import LayeredImage
+from viewer.placing.layered_image import HALF, LayeredImage
 from viewer.placing.merging import merged
 from viewer.placing.viewpoints import construction_views
 
@@ -25,25 +25,25 @@ def image_of(seed=0, count=6):
 def test_what_is_read_is_what_was_written(seed, count):
     image = image_of(seed, count)
     found = decoded(encoded(image), "x")
-    for name in ("starts", "ids", "colors"):
+    for name in ("starts", "ids", "reaches"):
         assert np.array_equal(getattr(found, name), getattr(image, name)), name
+    assert abs(found.colors.astype(int) - image.colors).max(initial=0) <= 3
     assert np.array_equal(found.view.eye_from_world, image.view.eye_from_world)
     assert (found.view.window, found.view.focal) == (image.view.window, image.view.focal)
     if len(image.depths):
         near, again = 1.0 / image.depths.astype(float), 1.0 / found.depths.astype(float)
-        step = max((near.max() - near.min()) / 65535.0, near.max() * 2.0**-24)
+        step = max((near.max() - near.min()) / 4095.0, near.max() * 2.0**-24)
         assert abs(near - again).max() <= 0.5 * step + 1e-6 * near.max()
         # In pixels, for a viewer as far from the image's eye as its nearest sample.
-        assert FOCAL * image.depths.min() * abs(near - again).max() < 0.01
+        assert FOCAL * image.depths.min() * abs(near - again).max() < 1.01 * FOCAL / 8190.0
         off = abs(found.slopes - image.slopes)
-        assert (off <= np.maximum(0.26 * step, abs(image.slopes) / 60.0) + 1e-9).all()
+        assert (off <= np.maximum(2.5 * step, abs(image.slopes) / 30.0) + 1e-9).all()
 
 
 def test_bytes_are_the_same_again():
     image = image_of()
     data = encoded(image)
     assert encoded(image) == data
-    assert encoded(decoded(data, "x")) == encoded(decoded(data, "x"))
 
 
 def test_numbers_of_any_size_survive():
@@ -58,12 +58,14 @@ def test_numbers_of_any_size_survive():
     ids = rng.integers(-(2**31), 2**31, m).astype(np.int32)
     image = LayeredImage(
         view_at(), starts, depths[order].astype(np.float32), slopes.astype(np.float32),
+        rng.integers(0, HALF + 1, (m, 4)).astype(np.uint8),
         rng.integers(0, 256, (m, 3)).astype(np.uint8), ids,
     )  # fmt: skip
     found = decoded(encoded(image), "x")
     assert np.array_equal(found.ids, image.ids)
-    assert np.array_equal(found.colors, image.colors)
-    assert (abs(found.slopes - image.slopes) <= np.maximum(0.6 / 65535.0, abs(image.slopes) / 60.0)).all()
+    assert np.array_equal(found.reaches, image.reaches)
+    assert abs(found.colors.astype(int) - image.colors).max() <= 3
+    assert (abs(found.slopes - image.slopes) <= np.maximum(2.5 / 4095.0, abs(image.slopes) / 30.0)).all()
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.1])
@@ -71,18 +73,20 @@ def test_an_image_of_one_depth_or_of_nothing(slope):
     view = view_at()
     nothing = LayeredImage(
         view, np.zeros(48 * 36 + 1, np.int32), np.zeros(0, np.float32), np.zeros((0, 2), np.float32),
+        np.zeros((0, 4), np.uint8),
         np.zeros((0, 3), np.uint8), np.zeros(0, np.int32),
     )  # fmt: skip
     assert not decoded(encoded(nothing), "x").counts.any()
     starts = np.ones(48 * 36 + 1, np.int32)
     starts[0] = 0
     one = LayeredImage(
-        view, starts, np.full(1, 7.0, np.float32), np.full((1, 2), slope, np.float32), np.ones((1, 3), np.uint8),
+        view, starts, np.full(1, 7.0, np.float32), np.full((1, 2), slope, np.float32),
+        np.full((1, 4), HALF, np.uint8), np.ones((1, 3), np.uint8),
         np.full(1, 9, np.int32),
     )  # fmt: skip
     found = decoded(encoded(one), "x")
     assert found.depths[0] == pytest.approx(7.0)
-    assert found.slopes[0] == pytest.approx(np.full(2, slope), rel=0.02)
+    assert found.slopes[0] == pytest.approx(np.full(2, slope), rel=0.03)
 
 
 def test_too_many_samples_in_a_pixel_are_refused():
@@ -90,6 +94,7 @@ def test_too_many_samples_in_a_pixel_are_refused():
     m = 256
     image = LayeredImage(
         view, np.array([0, m], np.int32), np.linspace(1.0, 2.0, m, dtype=np.float32), np.zeros((m, 2), np.float32),
+        np.zeros((m, 4), np.uint8),
         np.zeros((m, 3), np.uint8), np.zeros(m, np.int32),
     )  # fmt: skip
     with pytest.raises(ValueError, match="at most 255 samples a pixel expected, found 256"):

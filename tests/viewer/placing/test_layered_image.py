@@ -13,7 +13,13 @@ def test_arrays_have_the_views_size():
     with pytest.raises(ValueError, match="depth of shape"):
         Picture(view, color, depth[1:], ids)
     starts = np.zeros(36 * 48 + 1, np.int32)
-    nothing = np.zeros(0, np.float32), np.zeros((0, 2), np.float32), np.zeros((0, 3), np.uint8), np.zeros(0, np.int32)
+    nothing = (
+        np.zeros(0, np.float32),
+        np.zeros((0, 2), np.float32),
+        np.zeros((0, 4), np.uint8),
+        np.zeros((0, 3), np.uint8),
+        np.zeros(0, np.int32),
+    )
     assert not LayeredImage(view, starts, *nothing).counts.any()
     with pytest.raises(ValueError, match="starts of shape"):
         LayeredImage(view, starts[1:], *nothing)

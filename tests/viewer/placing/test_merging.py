@@ -1,11 +1,16 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from placed_pictures import apart, hits, picture_of, view_at
+from placed_pictures import Sheets, apart, hits, picture_of, view_at
+from scipy.ndimage import binary_dilation
 
+from viewer.placing.layered_image import HALF
 from viewer.placing.merging import merged, slopes_of
 from viewer.placing.viewpoints import construction_views
+from viewer.placing.warping import warped
 
 RADIUS = 4.0
 
@@ -93,3 +98,16 @@ def test_no_pictures_no_image():
         merged([], radius=1.0)
     with pytest.raises(ValueError, match=r"found 1, 0\.0"):
         merged([picture_of(view_at(), apart(np.random.default_rng(0), 1))], radius=0.0)
+
+
+def test_patches_end_where_another_picture_sees_past_them():
+    """A floor, of which the image has one row of pixels, each as long as half of it: from above it must not begin too early."""
+    floor = Sheets(np.array([[12.0, -3.0, -0.5]]), np.array([[[18.0, 0.0, 0.0], [0.0, 6.0, 0.0]]]))
+    image = merged(nine(floor), radius=RADIUS)
+    above = view_at((2.0, 0.0, 2.5), 0.0, -0.2, focal=160.0, window=(-96, -72, 192, 144))
+    truth, shown = picture_of(above, floor).ids >= 0, warped(image, above).ids >= 0
+    assert shown.sum() > 0.5 * truth.sum() > 500
+    about = binary_dilation(truth, np.ones((5, 5)))
+    assert not (shown & ~about).any()
+    whole = warped(replace(image, reaches=np.full_like(image.reaches, HALF)), above).ids >= 0
+    assert (whole & ~about).sum() > 500

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from placed_pictures import apart, hits, picture_of, view_at
 
-from viewer.placing.layered_image import NOTHING
+from viewer.placing.layered_image import HALF, NOTHING
 from viewer.placing.merging import merged
 from viewer.placing.viewpoints import construction_views
 from viewer.placing.warping import REACH, between, warped
@@ -32,6 +32,7 @@ def z_buffered(image, view):
         near, slope = 1.0 / float(image.depths[k]), image.slopes[k].astype(float)
         h = matrix @ [u, v, 1.0, near]
         a, b = matrix @ [1.0, 0.0, 0.0, slope[0]], matrix @ [0.0, 1.0, 0.0, slope[1]]
+        left, right, up, down = 0.5 * image.reaches[k] / HALF + REACH - 0.5
         if not h[2] > REACH * (abs(a[2]) + abs(b[2])):
             continue
         with np.errstate(all="ignore"):
@@ -41,7 +42,7 @@ def z_buffered(image, view):
             s, t = s / one, t / one
             there = near + s * slope[0] + t * slope[1]
             found = (h[2] + s * a[2] + t * b[2]) / there
-        inside = (abs(s) <= REACH) & (abs(t) <= REACH) & (there > 0.0)
+        inside = (-left <= s) & (s <= right) & (-up <= t) & (t <= down) & (there > 0.0)
         found = np.where(inside, found, np.inf)
         second = np.where(found < depth, depth, np.minimum(second, found))
         ids = np.where(found < depth, image.ids[k], ids)
