@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mmi.foundation.camera import view_towards
-from viewer.placing.layered_image import NOTHING, Picture
+from viewer.layered.layered_image import NOTHING, Picture
 
 WINDOW = (-24, -18, 48, 36)
 FOCAL = 40.0

@@ -36,7 +36,7 @@ FLOORS = {
         "computed walks",
         "plan",
         "scene",
-        "cells casting caching placing",
+        "cells casting caching placing layered",
         "techniques",
         "drawing",
         "measuring runtime",

@@ -4,7 +4,7 @@ A ray of the new view passes the image's pixels along an epipolar line, and meet
 it passes their pixels. So pixels are painted in an *occlusion-compatible order*, and no depths are compared: where the new eye
 is ahead of the image's, rows from both borders towards the row of the epipole, which is where the image sees the new eye, and
 pixels of a row likewise; where it is behind, the other way around. Of one pixel's samples the one that is farther from the eye
-comes first. This is exact, because patches stay within the pyramids of their pixels (:mod:`viewer.placing.layered_image`).
+comes first. This is exact, because patches stay within the pyramids of their pixels (:mod:`viewer.layered.layered_image`).
 
 Each patch is painted into the pixels whose centres it covers, with the depth of its plane there. Threads share the rows of the
 new picture and each goes through all samples, so that the order holds and nobody waits.
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 from mmi.foundation.kernels import kernel
-from viewer.placing.layered_image import HALF, NOTHING, LayeredImage
+from viewer.layered.layered_image import HALF, NOTHING, LayeredImage
 
 __all__ = ["REACH", "Warped", "between", "covered", "warped"]
 

@@ -4,10 +4,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from placed_pictures import apart, hits, picture_of, view_at
 
-from viewer.placing.layered_image import HALF, NOTHING
-from viewer.placing.merging import merged
-from viewer.placing.viewpoints import construction_views
-from viewer.placing.warping import REACH, between, warped
+from viewer.layered.layered_image import HALF, NOTHING
+from viewer.layered.merging import merged
+from viewer.layered.viewpoints import construction_views
+from viewer.layered.warping import REACH, between, warped
 
 RADIUS = 4.0
 

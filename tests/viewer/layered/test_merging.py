@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from placed_pictures import Sheets, apart, hits, picture_of, view_at
 from scipy.ndimage import binary_dilation
 
-from viewer.placing.layered_image import HALF
-from viewer.placing.merging import merged, slopes_of
-from viewer.placing.viewpoints import construction_views
-from viewer.placing.warping import warped
+from viewer.layered.layered_image import HALF
+from viewer.layered.merging import merged, slopes_of
+from viewer.layered.viewpoints import construction_views
+from viewer.layered.warping import warped
 
 RADIUS = 4.0
 

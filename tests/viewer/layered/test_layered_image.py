@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from placed_pictures import apart, picture_of, view_at
 
-from viewer.placing.layered_image import LayeredImage, Picture
-from viewer.placing.merging import merged
+from viewer.layered.layered_image import LayeredImage, Picture
+from viewer.layered.merging import merged
 
 
 def test_arrays_have_the_views_size():

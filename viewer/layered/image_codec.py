@@ -29,7 +29,7 @@ from PIL import Image
 from mmi.foundation.camera import View
 from mmi.foundation.errors import DatasetError
 from mmi.foundation.kernels import kernel
-from viewer.placing.layered_image import HALF, LayeredImage
+from viewer.layered.layered_image import HALF, LayeredImage
 
 __all__ = ["decoded", "encoded"]
 

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from placed_pictures import FOCAL, apart, picture_of, view_at
 
 from mmi.foundation.errors import DatasetError
-from viewer.placing.image_codec import decoded, encoded
-from viewer.placing.layered_image import HALF, LayeredImage
-from viewer.placing.merging import merged
-from viewer.placing.viewpoints import construction_views
+from viewer.layered.image_codec import decoded, encoded
+from viewer.layered.layered_image import HALF, LayeredImage
+from viewer.layered.merging import merged
+from viewer.layered.viewpoints import construction_views
 
 
 def image_of(seed=0, count=6):

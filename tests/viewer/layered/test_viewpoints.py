@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from placed_pictures import view_at
 
-from viewer.placing.viewpoints import COUNTS, construction_views, window_around
+from viewer.layered.viewpoints import COUNTS, construction_views, window_around
 
 BOX = np.array([(x, y, z) for x in (10.0, 30.0) for y in (-5.0, 4.0) for z in (-3.0, 6.0)])
 

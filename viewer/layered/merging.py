@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.foundation.kernels import kernel
-from viewer.placing.layered_image import HALF, LayeredImage, Picture
-from viewer.placing.warping import REACH, between, covered
+from viewer.layered.layered_image import HALF, LayeredImage, Picture
+from viewer.layered.warping import REACH, between, covered
 
 __all__ = ["merged", "slopes_of"]
 
