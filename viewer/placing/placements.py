@@ -49,7 +49,7 @@ class Placements:
     """All images of a point: yaws from ``borders[i]`` on to before the next are served by image ``serving[i]``, -1 for none.
 
     The first border is 0. ``counts`` are the most triangles that a view there draws as such, in cells that it sees and the
-    image does not replace; where the point is not needed they may exceed the budget.
+    image does not replace, and 0 where the point is not needed.
     """
 
     images: tuple[Placement, ...]
@@ -72,7 +72,7 @@ def placements_at(point: NDArray[np.float64], needs: Needs, cells: ModelCells, r
     ranges = ranges_of(arcs_of(cells.boxes, point, fov), np.append(needs.borders, _CUTS))
     radii = needs.radii[np.searchsorted(needs.borders, ranges.borders, side="right") - 1]
     distances = distances_to(cells.boxes, point)
-    seen = ranges.totals(counts)
+    seen = np.where(radii > 0.0, ranges.totals(counts), 0)
     left, serving = seen.copy(), np.full(len(seen), -1, dtype=np.int32)
     open_ = (seen > rules.budget) & (radii > 0.0)
     images: list[Placement] = []

@@ -25,7 +25,14 @@ from mmi.programs.command_line import (
     size_option,
 )
 from viewer.programs.comparison_told import print_comparison
-from viewer.programs.technique_arguments import add_cache_arguments, add_cast_arguments, cache_rules, cast_rules
+from viewer.programs.technique_arguments import (
+    add_cache_arguments,
+    add_cast_arguments,
+    add_placed_arguments,
+    cache_rules,
+    cast_rules,
+    placed_rules,
+)
 
 if TYPE_CHECKING:
     from mmi.city.model import City
@@ -36,7 +43,7 @@ if TYPE_CHECKING:
 __all__ = ["compare_impostors"]
 
 _TECHNIQUES = "full,visible,local,single-mesh,multi-mesh"
-_MORE = ("multi-mesh-dynamic", "ray-cast", "image-cache")
+_MORE = ("multi-mesh-dynamic", "ray-cast", "image-cache", "placed-images")
 _OF_CITIES = "full,ray-cast,image-cache"
 """What is compared where a city is drawn as it was read."""
 _DISPLAY = (512, 512)
@@ -105,9 +112,9 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         "--techniques",
         type=names_option,
         metavar="A,B,...",
-        help=f"default: {_TECHNIQUES}; for a CITY {_OF_CITIES}, which is all that needs no dataset; there are also "
-        f"{_MORE[0]} and {_MORE[2]}, whose views want to be held (--settle), and {_MORE[1]}; package.module:function is a "
-        "technique of your own (a function of the scene, in a module that can be imported or is in the current folder)",
+        help=f"default: {_TECHNIQUES}; for a CITY {_OF_CITIES}, which need no dataset; there are also {_MORE[0]} and {_MORE[2]}, "
+        f"whose views want to be held (--settle), {_MORE[1]}, and {_MORE[3]} (--placed); package.module:function is a technique "
+        "of your own (a function of the scene, in a module that can be imported or is in the current folder)",
     )
     add_reading_arguments(parser)
     display = parser.add_argument_group("the display")
@@ -171,6 +178,7 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
     )
     add_cast_arguments(parser)
     add_cache_arguments(parser)
+    add_placed_arguments(parser)
     movers = parser.add_argument_group("what moves")
     movers.add_argument(
         "--movers",
@@ -258,12 +266,14 @@ def _compare(options: argparse.Namespace) -> None:
 
     techniques = tuple(_techniques(options.techniques, of_city=city_of is not None))
     rays, images = cast_rules(options, techniques), cache_rules(options, techniques)
+    placed = placed_rules(options, techniques)
     moving = NOTHING_MOVES if options.movers is None else read_movers(options.movers)
     try:
         chosen = CompareOptions(
             techniques=techniques,
             rays=rays,
             images=images,
+            placed=placed,
             frames_per_second=options.fps,
             settle=1 if options.settle is None else options.settle,
             budget_ms=options.budget_ms,

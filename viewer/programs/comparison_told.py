@@ -51,6 +51,7 @@ def print_comparison(report: dict[str, Any], out: Path) -> None:
     _print_settling(report, talk)
     _print_rays(report, talk)
     _print_boxes(report, talk)
+    _print_placed(report, talk)
     _print_movers(report, talk)
     talk.print(one_line(str(out / "report.html")), soft_wrap=True)
     if report["verdict"] is not None:
@@ -129,6 +130,26 @@ def _print_boxes(report: dict[str, Any], talk: Console) -> None:
             f"\n{name}, boxes of a frame: {one['new']:.1f} new images, {one['combined']:.1f} combined, "
             f"{one['reused']:.1f} kept{late}, {one['impossible']:.1f} as geometry; "
             f"what was shown was off by {one['kept_px']:.2f} px at most (a bound); {one['bytes'] / 1e6:.0f} MB of images",
+            soft_wrap=True,
+        )
+
+
+def _print_placed(report: dict[str, Any], talk: Console) -> None:
+    """What frames were, where a technique shows placed images."""
+    for name, entry in report["techniques"].items():
+        one = entry["placed"]
+        if one is None:
+            continue
+        others = [
+            f"{100 * one[key]:.0f} % {told}"
+            for key, told in (("outside_share", "from outside of the grid"), ("tilted_share", "tilted or too wide"))
+            if one[key]
+        ]
+        talk.print(
+            f"\n{name}, frames: {100 * one['image_share']:.0f} % with an image of {one['samples']:,.0f} samples; at most "
+            f"{one['most_triangles']:,} triangles of {one['budget']:,}"
+            + (f"; BROKEN in {one['over_budget']} frames" if one["over_budget"] else "")
+            + (f"; not counted are {', '.join(others)}, which are drawn as geometry" if others else ""),
             soft_wrap=True,
         )
 

@@ -10,14 +10,24 @@ from typing import TYPE_CHECKING, Any
 
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.processes import usable_cores
+from mmi.programs.command_line import path_option
 
 if TYPE_CHECKING:
     from viewer.caching.rules import CacheRules
     from viewer.casting.rules import CastRules
+    from viewer.placed.rules import PlacedRules
 
-__all__ = ["add_cache_arguments", "add_cast_arguments", "cache_rules", "cast_rules"]
+__all__ = [
+    "add_cache_arguments",
+    "add_cast_arguments",
+    "add_placed_arguments",
+    "cache_rules",
+    "cast_rules",
+    "placed_rules",
+]
 
-_CAST, _CACHE = "ray-cast", "image-cache"
+_CAST, _CACHE, _PLACED = "ray-cast", "image-cache", "placed-images"
+_PLACED_OPTIONS = MappingProxyType({"folder": "placed"})
 _OPTIONS = MappingProxyType(
     {"near_field": "near-field", "limit_px": "reuse-error", "reuse": "reuse", "rays": "rays", "caster": "caster"}
 )
@@ -129,6 +139,27 @@ def cache_rules(options: argparse.Namespace, techniques: Collection[str]) -> Cac
     given = _given(options, _CACHE_OPTIONS, _CACHE, techniques)
     with _by_option(_CACHE_OPTIONS):
         return CacheRules(**given)
+
+
+def add_placed_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of placed images."""
+    group = parser.add_argument_group("placed images (the technique placed-images)")
+    group.add_argument(
+        "--placed", dest="folder", type=path_option, metavar="DIR", help="what place-images wrote for the same model"
+    )
+
+
+def placed_rules(options: argparse.Namespace, techniques: Collection[str]) -> PlacedRules:
+    """The rules that the options say.
+
+    Raises ParameterError for a folder where none of ``techniques`` shows it, and for none where one would.
+    """
+    from viewer.placed.rules import PlacedRules
+
+    given = _given(options, _PLACED_OPTIONS, _PLACED, techniques)
+    if not given and _PLACED in techniques:
+        raise ParameterError(f"--placed: a folder that place-images wrote expected for {_PLACED}, found none")
+    return PlacedRules(**given, threads=usable_cores())
 
 
 def _given(

@@ -55,7 +55,7 @@ def report_of(
     verdict = verdict_of(scene, scores.get(MAIN), glint=options.glint, movers=bool(scene.movers.ids))
     rate = {name: 1.0 / max(one["frame_ms"]["p50"], 1e-9) for name, one in techniques.items()}
     return {
-        "format_version": 6,
+        "format_version": 7,
         "program": "compare-impostors",
         "source": source_of(scene),
         "verdict": verdict,

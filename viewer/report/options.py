@@ -14,14 +14,15 @@ from mmi.movers.movers import NOTHING_MOVES, Movers
 from mmi.planning.parameters import BuildParameters
 from viewer.caching.rules import CacheRules
 from viewer.casting.rules import CastRules
-from viewer.techniques.catalogue import TECHNIQUES, TechniqueEntry, TechniqueRules, find_technique
+from viewer.placed.rules import PlacedRules
+from viewer.techniques.catalogue import TechniqueEntry, TechniqueRules, find_technique
 from viewer.techniques.virtual_frames import FrameRules
 
 __all__ = ["OF_CITIES", "CompareOptions"]
 
 _USUAL = ("full", "visible", "local", "single-mesh", "multi-mesh")
 """What is compared if nobody says; one whose pictures depend on how long a view is held has to be asked for."""
-OF_CITIES = tuple(name for name, entry in TECHNIQUES.items() if not entry.cells)
+OF_CITIES = ("full", "ray-cast", "image-cache")
 """What is compared if nobody says, where a city is drawn as it was read."""
 _SAMPLES = (0, 2, 4, 8, 16)
 _MOST_PIXELS = 8192
@@ -40,9 +41,10 @@ class CompareOptions:
     which each random view is held, the last of which is scored; ``budget_ms`` milliseconds of a frame that updates may take at
     most: infinity leaves them what the frame leaves, 0 forbids them; ``movers`` is what moves in the city, which layered
     techniques show by the rules of ``mover_frames``; in random views it stands as it is at ``movers_time`` seconds. ``glint``:
-    windows of painted facades mirror the sun. ``rays`` is how rays are cast, ``images`` how those of boxes are kept. ``camera``
-    is the display that is compared on; None: the one that the dataset was built for, or for a city 512 x 512 pixels and 60
-    degrees. Objects of a city longer than ``longest_object`` metres are cut, as builds cut them; None cuts none.
+    windows of painted facades mirror the sun. ``rays`` is how rays are cast, ``images`` how those of boxes are kept, ``placed``
+    where placed images are. ``camera`` is the display that is compared on; None: the one that the dataset was built for, or for
+    a city 512 x 512 pixels and 60 degrees. Objects of a city longer than ``longest_object`` metres are cut, as builds cut them;
+    None cuts none.
     """
 
     techniques: tuple[str | Callable[..., Any] | PlugIn, ...] = _USUAL
@@ -63,6 +65,7 @@ class CompareOptions:
     glint: bool = False
     rays: CastRules = field(default_factory=CastRules)
     images: CacheRules = field(default_factory=CacheRules)
+    placed: PlacedRules = field(default_factory=PlacedRules)
     camera: Camera | None = None
     longest_object: float | None = BuildParameters().longest_object
     entries: tuple[TechniqueEntry, ...] = field(init=False, repr=False, compare=False)
@@ -70,7 +73,7 @@ class CompareOptions:
     @property
     def rules(self) -> TechniqueRules:
         """What techniques are told of all this."""
-        return TechniqueRules(self.fade, self.rays, self.images)
+        return TechniqueRules(self.fade, self.rays, self.images, self.placed)
 
     def __post_init__(self) -> None:
         try:

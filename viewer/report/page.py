@@ -27,6 +27,7 @@ from viewer.report.tables import (
     LIKENESS,
     LOADING,
     MOVERS,
+    PLACED,
     RAYS,
     TIMES,
     UPDATES,
@@ -127,8 +128,9 @@ def _page(report: Mapping[str, Any], folder: Path) -> str:
         table(report, RAYS),
         *_casting(report),
         table(report, BOXES),
+        table(report, PLACED),
         table(report, MOVERS),
-        glossary(report, (*LOADING, *RAYS, *BOXES, *MOVERS)),
+        glossary(report, (*LOADING, *RAYS, *BOXES, *PLACED, *MOVERS)),
         f"<p>{_times(report) if held else ''}Times depend on the machine and on what else it does; ratios within this run do "
         "so less.</p>",
         *(["<h2>Plots</h2>", *plots] if plots else []),

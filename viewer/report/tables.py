@@ -14,6 +14,7 @@ __all__ = [
     "LIKENESS",
     "LOADING",
     "MOVERS",
+    "PLACED",
     "RAYS",
     "TIMES",
     "UPDATES",
@@ -131,6 +132,15 @@ BOXES = (
     Column("images of boxes", "kept error, px", ("boxes", "kept_px")),
     Column("images of boxes", "MB", ("boxes", "bytes"), "megabytes"),
 )
+PLACED = (
+    Column("frames, %", "with an image", ("placed", "image_share"), "percent"),
+    Column("frames, %", "outside", ("placed", "outside_share"), "percent"),
+    Column("frames, %", "tilted", ("placed", "tilted_share"), "percent"),
+    Column("triangles of the model", "at most", ("placed", "most_triangles")),
+    Column("triangles of the model", "budget", ("placed", "budget")),
+    Column("triangles of the model", "frames over it", ("placed", "over_budget")),
+    Column("samples", "warped a frame", ("placed", "samples")),
+)
 _TERMS = (
     (
         "wrong",
@@ -223,6 +233,13 @@ _TERMS = (
         "from images of boxes within (combined), or shown as they were captured before (kept). A late one was shown though it "
         "was not valid, for want of time. The kept error is the largest that a point of a shown image may have, in pixels of "
         "the display's border.",
+    ),
+    (
+        "frames, %",
+        "placed images",
+        "A frame shows the image of the grid's point behind the viewer, where its triangles are more than the budget. Frames "
+        "from outside of the grid, and those that are tilted or show more than images were placed for, are drawn as geometry "
+        "and do not count among the others.",
     ),
 )
 """The group of columns, the term, and what it means."""

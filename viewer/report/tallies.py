@@ -13,13 +13,14 @@ from viewer.plan import Technique
 from viewer.scene.scene import WalkScene
 from viewer.techniques.catalogue import TechniqueRules
 from viewer.techniques.image_cache import CacheTally, ImageCache
+from viewer.techniques.placed_images import PlacedImages, PlacedTally
 from viewer.techniques.ray_cast import RayCasting, limit_px
 from viewer.techniques.virtual_frames import FrameTally
 from viewer.techniques.with_movers import WithMovers
 
 __all__ = ["NOTHING_TALLIED", "Tallies", "tallied", "tallies_of"]
 
-NOTHING_TALLIED: Mapping[str, Any] = MappingProxyType({"movers": None, "rays": None, "boxes": None})
+NOTHING_TALLIED: Mapping[str, Any] = MappingProxyType({"movers": None, "rays": None, "boxes": None, "placed": None})
 """What the report says of a technique that counts nothing."""
 
 
@@ -29,6 +30,7 @@ class Tallies(NamedTuple):
     movers: FrameTally | None = None
     rays: CastTally | None = None
     boxes: CacheTally | None = None
+    placed: PlacedTally | None = None
 
 
 def tallies_of(technique: Technique) -> Tallies:
@@ -39,15 +41,17 @@ def tallies_of(technique: Technique) -> Tallies:
         moving,
         inner.tally if isinstance(inner, RayCasting) else None,
         inner.tally if isinstance(inner, ImageCache) else None,
+        inner.tally if isinstance(inner, PlacedImages) else None,
     )
 
 
 def tallied(tallies: Sequence[Tallies], scene: WalkScene, rules: TechniqueRules) -> Mapping[str, Any]:
-    """What the report says of all ``tallies`` of a technique: of ``movers``, ``rays`` and ``boxes``, None where it has none."""
+    """What the report says of all ``tallies`` of a technique: ``movers``, ``rays``, ``boxes``, ``placed`` images, or None."""
     return {
         "movers": _movers([one.movers for one in tallies if one.movers is not None]),
         "rays": _rays([one.rays for one in tallies if one.rays is not None], scene, rules.rays),
         "boxes": _boxes([one.boxes for one in tallies if one.boxes is not None], rules.images),
+        "placed": _placed([one.placed for one in tallies if one.placed is not None]),
     }
 
 
@@ -106,4 +110,23 @@ def _boxes(tallies: Sequence[CacheTally], rules: CacheRules) -> dict[str, Any] |
         **{name: count / frames for name, count in counts.items()},
         "kept_px": kept,
         "bytes": most,
+    }
+
+
+def _placed(tallies: Sequence[PlacedTally]) -> dict[str, Any] | None:
+    """What frames were over all ``tallies``, as shares of them, and the most triangles of one; None without placed images."""
+    if not tallies:
+        return None
+    sum_ = PlacedTally()
+    for one in tallies:
+        sum_ = sum_.plus(one)
+    frames = max(sum_.frames, 1)
+    return {
+        "budget": sum_.budget,
+        "image_share": sum_.image / frames,
+        "outside_share": sum_.outside / frames,
+        "tilted_share": sum_.tilted / frames,
+        "most_triangles": sum_.most,
+        "over_budget": sum_.over,
+        "samples": sum_.samples / frames,
     }

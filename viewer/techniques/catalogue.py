@@ -6,6 +6,7 @@ multi-mesh                the dataset that is compared                      (vie
 multi-mesh-dynamic        the same, layers captured again while time allows (viewer.techniques.dynamic)
 ray-cast                  near geometry, and rays for the rest              (viewer.techniques.ray_cast)
 image-cache               images of boxes that hold everything              (viewer.techniques.image_cache)
+placed-images             layered depth images, placed for a budget         (viewer.techniques.placed_images)
 
 A technique of one's own needs no entry here: ``package.module:function`` names a function that is called with the scene of the
 dataset that is compared and returns a technique (:mod:`mmi.foundation.plug_ins`).
@@ -23,12 +24,14 @@ from mmi.foundation.errors import ParameterError
 from mmi.foundation.plug_ins import PlugIn, names_plug_in, own_mistakes, plug_in
 from viewer.caching.rules import CacheRules
 from viewer.casting.rules import CastRules
+from viewer.placed.rules import PlacedRules
 from viewer.plan import Budget, Plan, Technique
 from viewer.scene.scene import WalkScene
 from viewer.techniques.dynamic import DynamicImpostors
 from viewer.techniques.geometry import CellGeometry, FullGeometry
 from viewer.techniques.image_cache import ImageCache, tree_of
 from viewer.techniques.layered import LayeredImpostors
+from viewer.techniques.placed_images import PlacedImages
 from viewer.techniques.ray_cast import RayCasting
 from viewer.techniques.virtual_frames import FrameRules
 from viewer.techniques.with_movers import WithMovers
@@ -53,12 +56,13 @@ REFERENCE = "full"
 @dataclass(frozen=True, slots=True)
 class TechniqueRules:
     """What a user says of techniques: ``fade``, seconds of a cross-fade at changes of cells, how ``rays`` are cast, and how
-    ``images`` of boxes are kept.
+    ``images`` of boxes are kept, and where ``placed`` images are.
     """
 
     fade: float = 0.0
     rays: CastRules = field(default_factory=CastRules)
     images: CacheRules = field(default_factory=CacheRules)
+    placed: PlacedRules = field(default_factory=PlacedRules)
 
 
 _Make = Callable[[WalkScene, TechniqueRules], Technique]
@@ -116,6 +120,11 @@ TECHNIQUES: Mapping[str, TechniqueEntry] = MappingProxyType(
                 "image-cache",
                 lambda scene, rules: ImageCache(scene, rules.images),
                 prepare=lambda scene, rules: tree_of(scene, rules.images),
+            ),
+            TechniqueEntry(
+                "placed-images",
+                lambda scene, rules: PlacedImages(scene, rules.placed),
+                prepare=lambda scene, rules: PlacedImages(scene, rules.placed),
             ),
         )
     }

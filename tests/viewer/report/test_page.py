@@ -124,7 +124,7 @@ def report_of(walked, *, names=tuple(NATURE), seconds=40.0, title="helsinki"):
     }
     rate = {name: 1.0 / techniques[name]["frame_ms"]["p50"] for name in techniques}
     return {
-        "format_version": 6,
+        "format_version": 7,
         "program": "compare-impostors",
         "source": {
             "kind": "dataset",

@@ -1,0 +1,131 @@
+"""Images placed for a model, in a folder (section 3, figure 2): the grid, the images of its points, then their pictures.
+
+What was made is kept: the solutions as one file, each image as its own, under a name that says what it was made from, so that a
+run that was stopped goes on from there. The bytes depend on model, display and rules alone, whatever the number of workers.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mmi.foundation.camera import Camera
+from mmi.foundation.errors import ParameterError
+from mmi.foundation.processes import peak_memory
+from mmi.foundation.progress import Progress, silent
+from viewer.layered.viewpoints import COUNTS
+from viewer.making.models import Model
+from viewer.making.workers import PicturesJob, PointsJob, crew_of
+from viewer.placed.folder import PlacedFolder, folder_of, has_solutions, placing_folder, read_solutions, write_manifest
+from viewer.placed.solutions import print_of, solutions_of
+from viewer.placing.model_cells import ModelCells, model_cells
+from viewer.placing.placements import Placements
+from viewer.placing.refining import solution_grid
+from viewer.placing.rules import PlacingRules
+from viewer.placing.solution_grid import domain_of
+
+__all__ = ["PlacingSummary", "cells_of", "place_images"]
+
+_AT_ONCE = 16
+"""Points that a worker is given at a time."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlacingSummary:
+    """What there is, ``made`` images of it now, their ``bytes``, the ``largest_count`` of triangles, seconds of each stage."""
+
+    folder: PlacedFolder
+    triangles: int
+    cells: int
+    points: int
+    images: int
+    made: int
+    bytes: int
+    largest_count: int
+    stages: dict[str, float]
+    peak_memory_bytes: int
+    workers: int
+
+
+def cells_of(model: Model, rules: PlacingRules) -> ModelCells:
+    """The octree's cells of a model. Raises ParameterError where they cannot be small enough."""
+    return model_cells(model.mesh.positions, model.mesh.triangles, depth=rules.depth, most=rules.cell_triangles)
+
+
+def place_images(
+    model: Model,
+    out: Path,
+    *,
+    camera: Camera,
+    rules: PlacingRules,
+    pictures: int = 9,
+    workers: int = 1,
+    progress: Progress = silent,
+) -> PlacingSummary:
+    """Place images for ``model`` into the folder ``out``, or go on with that.
+
+    ``rules`` are for the display of ``camera``. ``progress`` is called with (images done, all of them, what was done last),
+    before that with points.
+
+    Raises ParameterError, DatasetError.
+    """
+    if pictures not in COUNTS:
+        raise ParameterError(f"pictures: one of {', '.join(map(str, COUNTS))} expected, found {pictures}")
+    if workers < 1:
+        raise ParameterError(f"workers: 1 or more expected, found {workers}")
+    stages: dict[str, float] = {}
+    start = time.perf_counter()
+    cells = cells_of(model, rules)
+    stages["cells"] = time.perf_counter() - start
+    told: dict[str, Any] = {
+        "source": model.city.source,
+        "model": print_of(model.mesh),
+        "camera": camera,
+        "pictures": pictures,
+        "rules": rules,
+    }
+    with placing_folder(out) as path, crew_of(workers, path, model, cells, rules) as crew:
+        known = read_solutions(path) if has_solutions(path) else None
+        if known is None or any(getattr(known, name) != value for name, value in told.items()):
+            start = time.perf_counter()
+            progress(0, 1, "the grid")
+            grid = solution_grid(cells, rules, domain_of(cells))
+            stages["grid"] = time.perf_counter() - start
+            start = time.perf_counter()
+            found: dict[int, Placements] = {}
+            needs = grid.needs()
+            jobs = [
+                PointsJob(first, grid.points[first : first + _AT_ONCE], needs[first : first + _AT_ONCE])
+                for first in range(0, len(grid.points), _AT_ONCE)
+            ]
+            for first, some in crew.do(jobs):
+                found.update(enumerate(some, first))
+                progress(len(found), len(grid.points), "points")
+            known = solutions_of(**told, grid=grid, points=[found[n] for n in range(len(grid.points))])
+            stages["points"] = time.perf_counter() - start
+        folder = folder_of(path, known)
+        there = {number for number in range(len(known.images)) if folder.has_image(number)}
+        numbers = [number for number in range(len(known.images)) if number not in there]
+        start = time.perf_counter()
+        peaks = {os.getpid(): peak_memory()}
+        for done, one in enumerate(crew.do([PicturesJob(path, number) for number in numbers]), 1):
+            peaks[one.process] = max(one.memory, peaks.get(one.process, 0))
+            progress(len(there) + done, len(known.images), f"image {one.number}")
+        stages["pictures"] = time.perf_counter() - start
+        sizes = write_manifest(folder)
+    return PlacingSummary(
+        folder=folder,
+        triangles=len(model.mesh.triangles),
+        cells=len(cells.counts),
+        points=len(known.points),
+        images=len(known.images),
+        made=len(numbers),
+        bytes=sizes,
+        largest_count=max((int(one.counts.max()) for one in known.points), default=0),
+        stages=stages,
+        peak_memory_bytes=sum(peaks.values()),
+        workers=workers,
+    )

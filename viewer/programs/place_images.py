@@ -1,0 +1,258 @@
+"""The program ``place-images``: options in, one line for every mistake, exit status 0, 1 (a budget not kept), 2 or 130."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from mmi.foundation.camera import Camera
+from mmi.foundation.errors import ParameterError
+from mmi.foundation.processes import usable_cores
+from mmi.programs.city_arguments import CITY_FILES, add_reading_arguments, read_options, refuse_reading_arguments
+from mmi.programs.city_told import print_warnings
+from mmi.programs.command_line import Parser, ProgressBar, path_option, run_program, size_option
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from viewer.making.checking import Checked
+    from viewer.making.place_images import PlacingSummary
+
+__all__ = ["place_images"]
+
+_PICTURES = (1, 5, 9)
+_MOST_WORKERS = 64
+_EXAMPLE = """\
+examples:
+  place-images examples/helsinki/helsinki.osm.pbf -o out/placed --budget 20000
+  place-images pipes.json -o out/pipes --budget 150000 --optimize 90000 --workers 2
+  place-images pipes.json -o out/pipes --budget 150000 --optimize 90000 --check 10000
+  compare-impostors pipes.json -o out/comparison --techniques full,placed-images --placed out/pipes
+
+The same command goes on where it was stopped.
+"""
+
+
+def place_images(arguments: Sequence[str] | None = None) -> NoReturn:
+    """``place-images MODEL -o OUT --budget P``: images instead of what is too much to draw, for every place and direction."""
+    parser = Parser(
+        prog="place-images",
+        description="Place layered depth images in a model, so that no level view of a display, from wherever and whichever "
+        "way it looks, draws more triangles than a budget (Aliaga & Lastra 1999).",
+        epilog=_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "source", type=path_option, metavar="MODEL", help="a dataset of build-impostors, or a model: " + CITY_FILES
+    )
+    parser.add_argument("-o", "--output", type=path_option, required=True, metavar="OUT", help="folder of the images")
+    budget = parser.add_argument_group("the budget")
+    budget.add_argument(
+        "--budget",
+        type=int,
+        required=True,
+        metavar="P",
+        help="triangles of the model that a view draws at most; ground and images are besides",
+    )
+    budget.add_argument(
+        "--optimize",
+        type=int,
+        metavar="P",
+        help="triangles that are left where an image is chosen: with fewer there are fewer images at a point, and more points "
+        "(default: the budget less 6 %% of the model, or half of the budget)",
+    )
+    display = parser.add_argument_group("the display")
+    display.add_argument(
+        "--display", type=size_option, default=(512, 384), metavar="WxH", help="pixels (default: 512x384)"
+    )
+    display.add_argument("--fov", type=float, default=60.0, metavar="DEG", help="across the display (default: 60)")
+    display.add_argument(
+        "--pitch",
+        type=float,
+        default=0.0,
+        metavar="DEG",
+        help="how far views may be turned up and down (default: 0, as in the paper)",
+    )
+    how = parser.add_argument_group("how")
+    how.add_argument(
+        "--pictures",
+        type=int,
+        choices=_PICTURES,
+        default=9,
+        help="that an image is made of: more of them see more of what the first does not (default: %(default)s)",
+    )
+    how.add_argument(
+        "--octree-depth",
+        dest="depth",
+        type=int,
+        default=5,
+        metavar="N",
+        help="levels of the octree whose cells are drawn or left out (default: %(default)s)",
+    )
+    how.add_argument(
+        "--weights",
+        type=_weights,
+        default=(0.4, 0.6, 0.1, 0.9),
+        metavar="C,B,B1,B2",
+        help="of the cost-benefit function: few triangles left, benefit, a small image, a far one (default: 0.4,0.6,0.1,0.9)",
+    )
+    add_reading_arguments(parser)
+    work = parser.add_argument_group("the work")
+    work.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    work.add_argument(
+        "--check",
+        type=int,
+        metavar="N",
+        help="when all is there: count the triangles of N random views; exit status 1 where one draws more than the budget",
+    )
+    work.add_argument("--seed", type=int, default=1, metavar="S", help="of these views (default: %(default)s)")
+    work.add_argument(
+        "--json", action="store_true", help="the result as JSON on standard output, and nothing else there"
+    )
+    work.add_argument("--quiet", action="store_true", help="no progress, no tables")
+    run_program(parser, arguments, _place, kept="what was finished is kept, the same command goes on from there")
+
+
+def _place(options: argparse.Namespace) -> None:
+    cores = usable_cores()
+    workers = options.workers if options.workers is not None else cores
+    for name, value, least, most in (
+        ("workers", workers, 1, max(_MOST_WORKERS, cores)),
+        ("budget", options.budget, 2, 1 << 40),
+        ("check", 1 if options.check is None else options.check, 1, 10**9),
+        ("optimize", 1 if options.optimize is None else options.optimize, 1, options.budget),
+    ):
+        if not least <= value <= most:
+            raise ParameterError(f"--{name}: {least:,} to {most:,} expected, found {value:,}")
+    if not 0.0 <= options.pitch < 90.0:
+        raise ParameterError(f"--pitch: 0 to 90 degrees expected, found {options.pitch:g}")
+    width, height = options.display
+    try:
+        camera = Camera(width, height, math.radians(options.fov))
+    except ParameterError as error:
+        raise ParameterError(f"--display, --fov: {error}") from None
+    is_dataset = (options.source / "manifest.json").exists()
+    if is_dataset:
+        refuse_reading_arguments(options, f"the dataset {options.source}, whose city was read when it was built")
+    reading = None if is_dataset else read_options(options)
+
+    from rich.console import Console
+
+    from mmi.planning.parameters import BuildParameters
+    from viewer.making.checking import check_views
+    from viewer.making.models import ModelSource
+    from viewer.making.place_images import place_images as place
+    from viewer.placing.rules import PlacingRules, fov_of
+
+    source = ModelSource(
+        options.source, reading, None if options.objects == "blocks" else BuildParameters().longest_object
+    )
+
+    talk = Console(stderr=options.json, quiet=options.quiet, highlight=False, markup=False, emoji=False)
+    with ProgressBar("steps of reading", quiet=options.quiet) as advance:
+        model = source.read(advance)
+    target = options.optimize
+    if target is None:
+        target = max(options.budget - round(0.06 * len(model.mesh.triangles)), options.budget // 2)
+    cost, benefit, small, far = options.weights
+    rules = PlacingRules(
+        options.budget,
+        target,
+        fov_of(camera),
+        depth=options.depth,
+        pitch=math.radians(options.pitch),
+        cost=cost,
+        benefit=benefit,
+        small=small,
+        far=far,
+    )
+    with ProgressBar("images", quiet=options.quiet) as advance:
+        summary = place(
+            model,
+            options.output,
+            camera=camera,
+            rules=rules,
+            pictures=options.pictures,
+            workers=workers,
+            progress=advance,
+        )
+    with suppress(SystemExit):  # rich leaves when nobody reads its output any more (| head)
+        if model.report is not None:
+            print_warnings(talk, model.report)
+        _print_summary(talk, summary, options.output)
+    checked = None
+    if options.check is not None:
+        with ProgressBar("views", quiet=options.quiet) as advance:
+            checked = check_views(summary.folder, model, views=options.check, seed=options.seed, progress=advance)
+        if not options.json:
+            print(_said(checked))
+    if options.json:
+        print(json.dumps(_as_dict(summary, checked), indent=1))
+    if checked is not None and not checked.kept:
+        raise SystemExit(1)
+
+
+def _weights(text: str) -> tuple[float, ...]:
+    try:
+        found = tuple(float(one) for one in text.split(","))
+    except ValueError:
+        found = ()
+    if len(found) != 4 or not all(0.0 <= one <= 1.0 for one in found):
+        raise argparse.ArgumentTypeError(f"four numbers from 0 to 1 expected (0.4,0.6,0.1,0.9), found {text!r}")
+    return found
+
+
+def _print_summary(talk: Console, summary: PlacingSummary, out: Path) -> None:
+    share = summary.largest_count / summary.folder.solutions.rules.budget
+    spent = ", ".join(f"{stage} {seconds:.0f} s" for stage, seconds in summary.stages.items())
+    mean = summary.bytes / max(summary.images, 1)
+    talk.print(
+        f"\n{summary.triangles:,} triangles in {summary.cells:,} cells; {summary.points:,} points with {summary.images:,} "
+        f"images ({summary.made:,} made now), {summary.bytes / 1e6:.1f} MB, {mean / 1e3:.0f} kB each\n"
+        f"no view draws more than {summary.largest_count:,} triangles ({100 * share:.1f} % of the budget)\n"
+        f"{spent}; {summary.workers} workers, {summary.peak_memory_bytes / 1e6:.0f} MB of memory\n{out / 'manifest.json'}",
+        soft_wrap=True,
+    )
+
+
+def _said(checked: Checked) -> str:
+    """One line for people."""
+    if checked.kept:
+        return (
+            f"budget kept: at most {checked.tally.most:,} of {checked.budget:,} triangles in {checked.views:,} views; "
+            f"{checked.drawn:,} of them were drawn and counted"
+        )
+    return (
+        f"budget BROKEN in {checked.tally.over:,} of {checked.views:,} views: up to {checked.tally.most:,} triangles, where "
+        f"{checked.budget:,} are allowed; {checked.tally.outside:,} views had no point"
+    )
+
+
+def _as_dict(summary: PlacingSummary, checked: Checked | None) -> dict[str, Any]:
+    return {
+        "triangles": summary.triangles,
+        "cells": summary.cells,
+        "points": summary.points,
+        "images": summary.images,
+        "made": summary.made,
+        "bytes": summary.bytes,
+        "budget": summary.folder.solutions.rules.budget,
+        "most_triangles": summary.largest_count,
+        "seconds": summary.stages,
+        "workers": summary.workers,
+        "peak_memory_bytes": summary.peak_memory_bytes,
+        "checked": None
+        if checked is None
+        else {
+            "views": checked.views,
+            "drawn": checked.drawn,
+            "most_triangles": checked.tally.most,
+            "over_budget": checked.tally.over,
+            "kept": checked.kept,
+        },
+    }
