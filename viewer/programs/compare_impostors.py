@@ -112,9 +112,9 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         "--techniques",
         type=names_option,
         metavar="A,B,...",
-        help=f"default: {_TECHNIQUES}; for a CITY {_OF_CITIES}, which need no dataset; there are also {_MORE[0]} and {_MORE[2]}, "
-        f"whose views want to be held (--settle), {_MORE[1]}, and {_MORE[3]} (--placed); package.module:function is a technique "
-        "of your own (a function of the scene, in a module that can be imported or is in the current folder)",
+        help=f"default: {_TECHNIQUES}; for a CITY {_OF_CITIES}, which need no dataset; there are also {_MORE[0]} and "
+        f"{_MORE[2]}, whose views want to be held (--settle), {_MORE[1]}, and {_MORE[3]} (--placed); package.module:function "
+        "is a technique of your own (a function of the scene, in a module that can be imported or is in the current folder)",
     )
     add_reading_arguments(parser)
     display = parser.add_argument_group("the display")

@@ -1,0 +1,111 @@
+"""Folders of placed images: the same bytes by one process or two, and after having been stopped; and what is refused."""
+
+import pytest
+from placed_models import RULES, model_of, placed, towers
+
+from mmi.foundation.errors import DatasetError, ParameterError
+from viewer.making.checking import check_views
+from viewer.placed.folder import open_placed, placing_folder
+
+
+@pytest.fixture(scope="module")
+def model():
+    return model_of(towers())
+
+
+@pytest.fixture(scope="module")
+def summary(model, tmp_path_factory):
+    return placed(model, tmp_path_factory.mktemp("placed") / "towers")
+
+
+def files(path):
+    return {one.relative_to(path).as_posix(): one.read_bytes() for one in sorted(path.rglob("*")) if one.is_file()}
+
+
+def test_a_folder_has_what_its_manifest_says(summary):
+    folder = open_placed(summary.folder.path)
+    assert summary.images == summary.made == len(folder.solutions.images) > 20
+    assert folder.solutions.rules == RULES
+    assert summary.largest_count <= RULES.budget < summary.triangles
+    for number in range(0, summary.images, 7):
+        assert folder.image(number).view.window == folder.solutions.view(number).window
+
+
+def test_two_processes_make_the_same_bytes(model, summary, tmp_path):
+    placed(model, tmp_path / "two", workers=2)
+    assert files(tmp_path / "two") == files(summary.folder.path)
+
+
+def test_what_was_stopped_goes_on_and_comes_to_the_same_bytes(model, summary, tmp_path):
+    def stop(done, total, name):
+        if name == "image 9":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        placed(model, tmp_path / "one", progress=stop)
+    with pytest.raises(DatasetError, match="not finished: run the same command again"):
+        open_placed(tmp_path / "one")
+    (tmp_path / "one" / "images" / "000003-0123456789ab.ldi.part-99").write_bytes(b"half an image")
+    again = placed(model, tmp_path / "one")
+    assert again.made == again.images - 10
+    assert "grid" not in again.stages
+    assert files(tmp_path / "one") == files(summary.folder.path)
+    assert placed(model, tmp_path / "one").made == 0
+
+
+def test_a_damaged_image_is_told_and_made_again(model, summary, tmp_path):
+    placed(model, tmp_path / "one")
+    folder = open_placed(tmp_path / "one")
+    data = bytearray(folder.file(2).read_bytes())
+    data[len(data) // 2] ^= 1
+    folder.file(2).write_bytes(data)
+    with pytest.raises(DatasetError, match=r"000002-.*damaged"):
+        folder.image(2)
+    folder.file(4).write_bytes(folder.file(3).read_bytes())
+    with pytest.raises(DatasetError, match="image 4 expected, found another"):
+        folder.image(4)
+    folder.file(5).unlink()
+    with pytest.raises(DatasetError, match="run place-images again"):
+        folder.image(5)
+    assert placed(model, tmp_path / "one").made == 2  # the third is whole, for all that can be told without its view
+    assert open_placed(tmp_path / "one").image(2).view.window == folder.solutions.view(2).window
+
+
+def test_other_rules_replace_what_is_there(model, summary, tmp_path):
+    placed(model, tmp_path / "one")
+    fewer = placed(model, tmp_path / "one", pictures=1)
+    assert fewer.made == fewer.images
+    assert len(list((tmp_path / "one" / "images").iterdir())) == fewer.images
+    assert open_placed(tmp_path / "one").solutions.pictures == 1
+
+
+def test_a_folder_of_something_else_is_refused_and_left_alone(model, tmp_path):
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(DatasetError, match=r"found other files \(mine.txt\); nothing was changed"):
+        placed(model, tmp_path)
+    assert [one.name for one in tmp_path.iterdir()] == ["mine.txt"]
+    with pytest.raises(DatasetError, match="found a file"):
+        placed(model, tmp_path / "mine.txt")
+    with placing_folder(tmp_path / "busy"), pytest.raises(DatasetError, match="another place-images is writing here"):
+        placed(model, tmp_path / "busy")
+
+
+def test_what_has_no_meaning_is_refused(model, tmp_path):
+    for options in ({"pictures": 4}, {"workers": 0}):
+        with pytest.raises(ParameterError, match=f"^{next(iter(options))}: "):
+            placed(model, tmp_path / "none", **options)
+    assert not (tmp_path / "none").exists()
+
+
+def test_random_views_keep_to_the_budget_and_are_drawn_as_counted(model, summary):
+    found = check_views(summary.folder, model, views=400)
+    assert found.kept and found.drawn == 400
+    assert found.tally.image > 40
+    assert found.tally.most <= RULES.budget
+
+
+def test_a_view_over_the_budget_is_told(model, summary, monkeypatch):
+    monkeypatch.setattr(type(summary.folder.solutions), "serving", lambda *_: -1)
+    found = check_views(summary.folder, model, views=100)
+    assert not found.kept
+    assert found.tally.over > 0

@@ -1,0 +1,78 @@
+"""Solutions as bytes: they come back as they were, and what is damaged or lies is one line."""
+
+import hashlib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from placed_models import CAMERA, RULES, model_of, towers
+
+from mmi.foundation.errors import DatasetError
+from viewer.making.place_images import cells_of
+from viewer.placed.solutions import print_of, solutions_from, solutions_of, solutions_to_bytes
+from viewer.placing.placements import placements_at
+from viewer.placing.refining import solution_grid
+from viewer.placing.solution_grid import domain_of
+
+
+@pytest.fixture(scope="module")
+def solutions():
+    model = model_of(towers())
+    cells = cells_of(model, RULES)
+    grid = solution_grid(cells, RULES, domain_of(cells))
+    points = [placements_at(point, needs, cells, RULES) for point, needs in zip(grid.points, grid.needs(), strict=True)]
+    return solutions_of(
+        source="made",
+        model=print_of(model.mesh),
+        camera=CAMERA,
+        pictures=5,
+        rules=RULES,
+        grid=grid,
+        points=points,
+    )
+
+
+def test_they_come_back_as_they_were(solutions):
+    data = solutions_to_bytes(solutions)
+    found = solutions_from(data, "here")
+    assert solutions_to_bytes(found) == data
+    assert (found.rules, found.camera, found.model) == (solutions.rules, solutions.camera, solutions.model)
+    rng = np.random.default_rng(1)
+    for _ in range(300):
+        eye, yaw = rng.uniform(*solutions.grid.domain), rng.uniform(-4.0, 4.0)
+        point = solutions.grid.closest(eye, yaw)
+        assert found.grid.closest(eye, yaw) == point
+        assert found.serving(point, yaw) == solutions.serving(point, yaw)
+    for number, image in enumerate(found.images):
+        np.testing.assert_array_equal(image.placement.cells, solutions.images[number].placement.cells)
+
+
+def test_an_image_s_view_holds_its_window(solutions):
+    for number, image in enumerate(solutions.images):
+        left, bottom, right, top = (CAMERA.focal * one for one in image.placement.window)
+        x, y, width, height = solutions.view(number).window
+        assert x <= left - 1.0 and right + 1.0 <= x + width
+        assert y <= -top - 1.0 and -bottom + 1.0 <= y + height
+
+
+def signed(data):
+    return data + hashlib.sha256(data).digest()
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.data())
+def test_what_is_damaged_is_one_line_even_where_its_checksum_holds(solutions, data):
+    whole = bytearray(solutions_to_bytes(solutions)[:-32])
+    for _ in range(data.draw(st.integers(1, 3))):
+        place = data.draw(st.integers(0, 1500) | st.integers(0, len(whole) - 1))
+        whole[place % len(whole)] = data.draw(st.integers(0, 255))
+    cut = data.draw(st.none() | st.integers(0, len(whole)))
+    with pytest.raises(DatasetError, match=r"^here: [^\n]+$"):
+        solutions_from(bytes(whole[:cut]) + b"\0" * 32, "here")
+    try:
+        found = solutions_from(signed(bytes(whole[:cut])), "here")
+    except DatasetError as error:
+        assert str(error).startswith("here: ") and "\n" not in str(error)
+    else:
+        solutions_to_bytes(found)
