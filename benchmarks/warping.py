@@ -32,12 +32,12 @@ from mmi.foundation.thickness import thickness
 from mmi.reading.read_city import read_city
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
+from viewer.layered.image_codec import decoded, encoded
+from viewer.layered.layered_image import LayeredImage, Picture
+from viewer.layered.merging import merged
+from viewer.layered.viewpoints import Arrangement, construction_views
+from viewer.layered.warping import warped
 from viewer.measuring.view_errors import beyond_resampling, flip_map, wrong_regions
-from viewer.placing.image_codec import decoded, encoded
-from viewer.placing.layered_image import LayeredImage, Picture
-from viewer.placing.merging import merged
-from viewer.placing.viewpoints import Arrangement, construction_views
-from viewer.placing.warping import warped
 from viewer.plan import Faces, Plan, Sky
 from viewer.scene.frustum import box_corners
 from viewer.scene.scene import WalkScene, scene_of_city

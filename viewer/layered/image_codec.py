@@ -29,7 +29,7 @@ from PIL import Image
 from mmi.foundation.camera import View
 from mmi.foundation.errors import DatasetError
 from mmi.foundation.kernels import kernel
-from viewer.layered.layered_image import HALF, LayeredImage
+from viewer.layered.layered_image import HALF, MOST_LAYERS, LayeredImage
 
 __all__ = ["decoded", "encoded"]
 
@@ -48,7 +48,7 @@ _EXACT, _HALF = 64, 32
 """Slopes below the first, in ``_COARSE`` steps, are their own codes; of twice a slope they are larger by the second."""
 _LARGEST = 1 << 24
 _LARGEST_CODE = _EXACT + 19 * _HALF
-_MOST_PIXELS, _MOST_LAYERS = 1 << 26, 255
+_MOST_PIXELS = 1 << 26
 _MOST = 1e9
 """Depths, distances and focal lengths are not above it, nor depths and focal lengths below its reciprocal."""
 _TURNED = 1e-6
@@ -75,8 +75,8 @@ class _Coded(NamedTuple):
 def encoded(image: LayeredImage) -> bytes:
     """An image's bytes, the same for the same image. Raises ValueError where a pixel has more than 255 samples."""
     counts = image.counts
-    if counts.max() > _MOST_LAYERS:
-        raise ValueError(f"at most {_MOST_LAYERS} samples a pixel expected, found {counts.max()}")
+    if counts.max() > MOST_LAYERS:
+        raise ValueError(f"at most {MOST_LAYERS} samples a pixel expected, found {counts.max()}")
     near = 1.0 / image.depths.astype(np.float64)
     low, high = (float(near.min()), float(near.max())) if len(near) else (1.0, 1.0)
     step = _step(low, high)
@@ -109,9 +109,9 @@ def decoded(data: bytes, where: str) -> LayeredImage:
     _, left, top, width, height, samples, objects, focal, low, high, *rows = _HEADER.unpack_from(data)
     if not (width > 0 and height > 0 and width * height <= _MOST_PIXELS):
         raise DatasetError(f"{where}: a picture of 1 to {_MOST_PIXELS} pixels expected, found {width} x {height}")
-    if not (samples <= _MOST_LAYERS * width * height and objects <= samples):
+    if not (samples <= MOST_LAYERS * width * height and objects <= samples):
         raise DatasetError(
-            f"{where}: at most {_MOST_LAYERS} samples a pixel, and as many objects, expected, found {samples} and {objects}"
+            f"{where}: at most {MOST_LAYERS} samples a pixel, and as many objects, expected, found {samples} and {objects}"
         )
     if not (1.0 / _MOST <= focal <= _MOST and 1.0 / _MOST <= low <= high <= _MOST):
         raise DatasetError(

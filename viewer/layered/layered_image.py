@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 
-__all__ = ["HALF", "NOTHING", "LayeredImage", "Picture"]
+__all__ = ["HALF", "MOST_LAYERS", "NOTHING", "LayeredImage", "Picture"]
 
 HALF = 15
 """Half a pixel as :class:`LayeredImage` has reaches."""
 
+MOST_LAYERS = 255
+"""Samples that a pixel has at most."""
 NOTHING = -1
 """The object of a pixel that shows nothing."""
 
@@ -29,7 +31,8 @@ class Picture:
     """What the renderer drew of some triangles as ``view`` sees them, top row first.
 
     ``color`` (h, w, 3) uint8 sRGB, ``depth`` (h, w) float32 metres along the view's axis, infinite where nothing is, ``ids``
-    (h, w) int32 objects. Raises ValueError for arrays of other sizes than the view's window.
+    (h, w) int32 objects. Raises ValueError for arrays of other sizes than the view's window, and for
+    depths that are not above 0, which is what a renderer leaves where it draws no sky.
     """
 
     view: View
@@ -42,6 +45,8 @@ class Picture:
         for name, shape in (("color", (height, width, 3)), ("depth", (height, width)), ("ids", (height, width))):
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} of shape {shape} expected, found {getattr(self, name).shape}")
+        if not (self.depth > 0.0).all():
+            raise ValueError(f"depths above 0 expected, infinite for nothing, found {self.depth.min():g}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

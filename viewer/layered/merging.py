@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.foundation.kernels import kernel
-from viewer.layered.layered_image import HALF, LayeredImage, Picture
+from viewer.layered.layered_image import HALF, MOST_LAYERS, LayeredImage, Picture
 from viewer.layered.warping import REACH, between, covered
 
 __all__ = ["merged", "slopes_of"]
@@ -56,7 +56,8 @@ class _Store(NamedTuple):
 def merged(pictures: Sequence[Picture], *, radius: float, tolerance_px: float = 0.5) -> LayeredImage:
     """One image of all ``pictures``, in the view of the first, for eyes within ``radius`` metres of it.
 
-    Raises ValueError without a picture, or for a radius or tolerance that is not above 0.
+    Of more than ``MOST_LAYERS`` samples in a pixel, the nearest are kept. Raises ValueError without a picture, or for a radius
+    or tolerance that is not above 0.
     """
     if not pictures or not radius > 0.0 or not tolerance_px > 0.0:
         raise ValueError(f"pictures, radius and tolerance expected, found {len(pictures)}, {radius} and {tolerance_px}")
@@ -83,11 +84,14 @@ def merged(pictures: Sequence[Picture], *, radius: float, tolerance_px: float = 
             if is_full:
                 store = _Store(*(np.concatenate([values, np.empty_like(values)]) for values in store))
     order = np.lexsort((-store.near[:count], store.pixels[:count]))
+    counts = np.bincount(store.pixels[:count], minlength=width * height)
+    layers = np.arange(count) - np.repeat(np.cumsum(counts) - counts, counts)
+    order = order[layers < MOST_LAYERS]
     starts = np.zeros(width * height + 1, dtype=np.int32)
-    np.cumsum(np.bincount(store.pixels[:count], minlength=width * height), out=starts[1:])
+    np.cumsum(np.minimum(counts, MOST_LAYERS), out=starts[1:])
     near, bends, ids = store.near[order], store.slopes[order], store.ids[order]
-    reaches = np.full((count, 4), HALF, dtype=np.uint8)
-    is_border = np.empty((count, 4), dtype=bool)
+    reaches = np.full((len(order), 4), HALF, dtype=np.uint8)
+    is_border = np.empty((len(order), 4), dtype=bool)
     _find_borders(starts, width, near, bends, ids, tolerance, is_border)
     for picture, of_picture in zip(pictures[1:], slopes, strict=True):
         matrix = between(own.view, picture.view)

@@ -8,10 +8,12 @@ from viewer.layered.merging import merged
 
 def test_arrays_have_the_views_size():
     view = view_at()
-    color, depth, ids = np.zeros((36, 48, 3), np.uint8), np.zeros((36, 48), np.float32), np.zeros((36, 48), np.int32)
+    color, depth, ids = np.zeros((36, 48, 3), np.uint8), np.ones((36, 48), np.float32), np.zeros((36, 48), np.int32)
     Picture(view, color, depth, ids)
     with pytest.raises(ValueError, match="depth of shape"):
         Picture(view, color, depth[1:], ids)
+    with pytest.raises(ValueError, match="depths above 0 expected, infinite for nothing, found 0"):
+        Picture(view, color, 0.0 * depth, ids)
     starts = np.zeros(36 * 48 + 1, np.int32)
     nothing = (
         np.zeros(0, np.float32),

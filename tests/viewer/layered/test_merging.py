@@ -11,6 +11,7 @@ from viewer.layered.layered_image import HALF
 from viewer.layered.merging import merged, slopes_of
 from viewer.layered.viewpoints import construction_views
 from viewer.layered.warping import warped
+from viewer.placing import merging
 
 RADIUS = 4.0
 
@@ -111,3 +112,15 @@ def test_patches_end_where_another_picture_sees_past_them():
     assert not (shown & ~about).any()
     whole = warped(replace(image, reaches=np.full_like(image.reaches, HALF)), above).ids >= 0
     assert (whole & ~about).sum() > 500
+
+
+def test_a_pixel_has_no_more_samples_than_there_may_be(monkeypatch):
+    monkeypatch.setattr(merging, "MOST_LAYERS", 1)
+    sheets = apart(np.random.default_rng(3), 6)
+    some = merged(nine(sheets), radius=RADIUS)
+    monkeypatch.undo()
+    whole = merged(nine(sheets), radius=RADIUS)
+    assert some.counts.max() == 1 < whole.counts.max()
+    assert np.array_equal(some.counts, np.minimum(whole.counts, 1))
+    ranks = np.arange(len(whole.depths)) - np.repeat(whole.starts[:-1], np.diff(whole.starts))
+    assert np.array_equal(some.depths, whole.depths[ranks < 1])
