@@ -5,9 +5,12 @@ import numpy as np
 from mmi.foundation.camera import view_towards
 from viewer.measuring.view_errors import view_errors
 from viewer.plan import Budget
+from viewer.techniques.catalogue import TECHNIQUES
 from viewer.techniques.geometry import FullGeometry
 
 BUDGET = Budget()
+OF_DATASETS = tuple(name for name in TECHNIQUES if name != "placed-images")
+"""Techniques that need nothing besides a dataset."""
 
 
 def look(scene, x, y, azimuth, pitch=0.0, height=1.7):

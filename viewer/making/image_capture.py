@@ -40,6 +40,7 @@ class ImageCapture:
             image.radius,
             solutions.pictures,
             box_corners(boxes[:, 0], boxes[:, 1]).reshape(-1, 3),
+            arrangement="ahead",
         )
         starts = self._cells.starts
         triangles = np.sort(self._cells.triangles[numbers_in(starts[some], starts[some + 1])])

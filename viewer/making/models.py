@@ -93,7 +93,7 @@ class SharedMeshes:
     def read(self) -> tuple[CityMesh, CityMesh]:
         """Objects and ground, whose arrays stay on the disk."""
         mesh, ground = (
-            CityMesh(**{name: self._array(f"{which}-{name}") for name in _ARRAYS}) for which in ("objects", "ground")
+            CityMesh(**{name: self._array(f"{which}-{name}") for name in _arrays()}) for which in ("objects", "ground")
         )
         return mesh, ground
 
@@ -102,14 +102,15 @@ class SharedMeshes:
         return found
 
 
-_ARRAYS = tuple(one.name for one in fields(CityMesh) if one.init)
-
-
 @contextmanager
 def shared_meshes(model: Model, folder: Path) -> Iterator[SharedMeshes]:
     """The meshes of a model in a temporary folder within ``folder``, for the block."""
     with TemporaryDirectory(prefix=".meshes-", dir=folder) as place:
         for which, mesh in (("objects", model.mesh), ("ground", model.ground)):
-            for name in _ARRAYS:
+            for name in _arrays():
                 np.save(Path(place) / f"{which}-{name}.npy", getattr(mesh, name), allow_pickle=False)
         yield SharedMeshes(Path(place))
+
+
+def _arrays() -> tuple[str, ...]:
+    return tuple(one.name for one in fields(CityMesh) if one.init)

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from mmi.foundation.camera import Camera
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.processes import peak_memory
@@ -61,13 +63,15 @@ def place_images(
     *,
     camera: Camera,
     rules: PlacingRules,
+    heights: tuple[float, float] | None = None,
     pictures: int = 9,
     workers: int = 1,
     progress: Progress = silent,
 ) -> PlacingSummary:
     """Place images for ``model`` into the folder ``out``, or go on with that.
 
-    ``rules`` are for the display of ``camera``. ``progress`` is called with (images done, all of them, what was done last),
+    ``rules`` are for the display of ``camera``; viewers' eyes are at ``heights``, from the lowest to the highest, metres in the
+    model's frame, or anywhere around the model. ``progress`` is called with (images done, all of them, what was done last),
     before that with points.
 
     Raises ParameterError, DatasetError.
@@ -76,6 +80,8 @@ def place_images(
         raise ParameterError(f"pictures: one of {', '.join(map(str, COUNTS))} expected, found {pictures}")
     if workers < 1:
         raise ParameterError(f"workers: 1 or more expected, found {workers}")
+    if heights is not None and not (np.isfinite(heights).all() and heights[0] < heights[1]):
+        raise ParameterError(f"heights: a lower and a higher one expected, found {heights[0]:g} and {heights[1]:g}")
     stages: dict[str, float] = {}
     start = time.perf_counter()
     cells = cells_of(model, rules)
@@ -89,10 +95,17 @@ def place_images(
     }
     with placing_folder(out) as path, crew_of(workers, path, model, cells, rules) as crew:
         known = read_solutions(path) if has_solutions(path) else None
-        if known is None or any(getattr(known, name) != value for name, value in told.items()):
+        domain = domain_of(cells)
+        if heights is not None:
+            domain[:, 2] = heights
+        if (
+            known is None
+            or any(getattr(known, name) != value for name, value in told.items())
+            or not np.array_equal(known.grid.domain, domain)
+        ):
             start = time.perf_counter()
             progress(0, 1, "the grid")
-            grid = solution_grid(cells, rules, domain_of(cells))
+            grid = solution_grid(cells, rules, domain)
             stages["grid"] = time.perf_counter() - start
             start = time.perf_counter()
             found: dict[int, Placements] = {}

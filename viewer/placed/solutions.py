@@ -14,6 +14,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from itertools import pairwise
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,33 +28,35 @@ from viewer.placing.placements import Placement, Placements
 from viewer.placing.rules import Fov, PlacingRules
 from viewer.placing.solution_grid import DEEPEST, SolutionGrid
 
-__all__ = ["PlacedImage", "Solutions", "print_of", "solutions_from", "solutions_to_bytes"]
+__all__ = ["PlacedImage", "Solutions", "print_of", "solutions_from", "solutions_of", "solutions_to_bytes"]
 
 _MAGIC = b"placed01"
 _LENGTH = struct.Struct("<I")
 _MOST_BYTES = 1 << 30
 """Of an array that is read."""
 _HEADER_BYTES = 1 << 16
-_ARRAYS: Mapping[str, tuple[str, int]] = {
-    "domain": ("<f8", 2),
-    "points": ("<f8", 2),
-    "codes": ("<i8", 1),
-    "depths": ("<i8", 1),
-    "reaches": ("<f8", 1),
-    "leaf_starts": ("<i8", 1),
-    "leaf_points": ("<i4", 1),
-    "border_starts": ("<i8", 1),
-    "borders": ("<f8", 1),
-    "serving": ("<i4", 1),
-    "counts": ("<i8", 1),
-    "image_starts": ("<i8", 1),
-    "yaws": ("<f8", 1),
-    "windows": ("<f8", 2),
-    "nears": ("<f8", 1),
-    "distances": ("<f8", 1),
-    "cell_starts": ("<i8", 1),
-    "cells": ("<i4", 1),
-}
+_ARRAYS: Mapping[str, tuple[str, int]] = MappingProxyType(
+    {
+        "domain": ("<f8", 2),
+        "points": ("<f8", 2),
+        "codes": ("<i8", 1),
+        "depths": ("<i8", 1),
+        "reaches": ("<f8", 1),
+        "leaf_starts": ("<i8", 1),
+        "leaf_points": ("<i4", 1),
+        "border_starts": ("<i8", 1),
+        "borders": ("<f8", 1),
+        "serving": ("<i4", 1),
+        "counts": ("<i8", 1),
+        "image_starts": ("<i8", 1),
+        "yaws": ("<f8", 1),
+        "windows": ("<f8", 2),
+        "nears": ("<f8", 1),
+        "distances": ("<f8", 1),
+        "cell_starts": ("<i8", 1),
+        "cells": ("<i4", 1),
+    }
+)
 """Type and number of dimensions of each, in the order that they have in the file."""
 _KEYS = ("arrays", "camera", "model", "pictures", "rules", "source")
 

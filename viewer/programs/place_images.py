@@ -15,7 +15,7 @@ from mmi.foundation.errors import ParameterError
 from mmi.foundation.processes import usable_cores
 from mmi.programs.city_arguments import CITY_FILES, add_reading_arguments, read_options, refuse_reading_arguments
 from mmi.programs.city_told import print_warnings
-from mmi.programs.command_line import Parser, ProgressBar, path_option, run_program, size_option
+from mmi.programs.command_line import Parser, ProgressBar, numbers_option, path_option, run_program, size_option
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -77,6 +77,13 @@ def place_images(arguments: Sequence[str] | None = None) -> NoReturn:
         default=0.0,
         metavar="DEG",
         help="how far views may be turned up and down (default: 0, as in the paper)",
+    )
+    display.add_argument(
+        "--heights",
+        type=_heights,
+        metavar="LOW,HIGH",
+        help="of viewers' eyes, metres in the model's frame: the fewer, the fewer images are needed (default: anywhere around "
+        "the model)",
     )
     how = parser.add_argument_group("how")
     how.add_argument(
@@ -177,6 +184,7 @@ def _place(options: argparse.Namespace) -> None:
             options.output,
             camera=camera,
             rules=rules,
+            heights=options.heights,
             pictures=options.pictures,
             workers=workers,
             progress=advance,
@@ -197,14 +205,18 @@ def _place(options: argparse.Namespace) -> None:
         raise SystemExit(1)
 
 
-def _weights(text: str) -> tuple[float, ...]:
-    try:
-        found = tuple(float(one) for one in text.split(","))
-    except ValueError:
-        found = ()
-    if len(found) != 4 or not all(0.0 <= one <= 1.0 for one in found):
-        raise argparse.ArgumentTypeError(f"four numbers from 0 to 1 expected (0.4,0.6,0.1,0.9), found {text!r}")
+def _weights(text: str) -> list[float]:
+    found = numbers_option(text, 4, "four numbers from 0 to 1 (0.4,0.6,0.1,0.9)")
+    if not all(0.0 <= one <= 1.0 for one in found):
+        raise argparse.ArgumentTypeError(f"four numbers from 0 to 1 (0.4,0.6,0.1,0.9) expected, found {text!r}")
     return found
+
+
+def _heights(text: str) -> tuple[float, float]:
+    low, high = numbers_option(text, 2, "two heights, the lower first (1.5,1.9),")
+    if not low < high:
+        raise argparse.ArgumentTypeError(f"two heights, the lower first (1.5,1.9), expected, found {text!r}")
+    return low, high
 
 
 def _print_summary(talk: Console, summary: PlacingSummary, out: Path) -> None:

@@ -49,6 +49,12 @@ def view_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         metavar="A,B,...",
         help="what the page offers (default: all that the dataset has); package.module:function is a technique of your own",
     )
+    parser.add_argument(
+        "--placed",
+        type=path_option,
+        metavar="DIR",
+        help="what place-images wrote for the dataset: offers placed-images",
+    )
     parser.add_argument("--cache", type=float, default=512.0, metavar="MB", help="memory for cells (default: 512)")
     server = parser.add_argument_group("the page")
     server.add_argument(
@@ -93,7 +99,7 @@ def _view(options: argparse.Namespace) -> None:
         chosen = ServerOptions(host=options.host, port=options.port, token=options.token)
     except ParameterError as error:
         raise ParameterError(f"--{error}") from None
-    wanted = StudioOptions(cache=round(1e6 * options.cache))
+    wanted = StudioOptions(cache=round(1e6 * options.cache), placed=options.placed)
     if options.techniques is not None:
         left, right = options.techniques[0], options.techniques[-1]
         wanted = replace(wanted, techniques=tuple(options.techniques), look=Look(left=left, right=right))

@@ -9,10 +9,10 @@ from mmi.foundation.errors import MmiError, ParameterError
 from viewer.techniques.catalogue import TECHNIQUES, find_technique
 from viewer.window.look import Look
 
-__all__ = ["SINGLE", "StudioClosedError", "StudioFullError", "StudioOptions"]
+__all__ = ["PLACED", "SINGLE", "StudioClosedError", "StudioFullError", "StudioOptions"]
 
-SINGLE = "single-mesh"
-"""The technique that needs a dataset of its own."""
+SINGLE, PLACED = "single-mesh", "placed-images"
+"""The techniques that need a folder of their own."""
 _MOST_SESSIONS = 16
 
 
@@ -30,16 +30,17 @@ class StudioOptions:
 
     ``techniques`` that may be compared; at most ``sessions`` are drawn at once. ``cache`` bytes for cells in memory,
     ``samples`` of multisampling, ``look`` what clients see at first. ``single_mesh`` is a dataset of the same city and
-    parameters, one layer a view, for the technique of that name. Films go into the folder ``films``, or one of their own that
-    vanishes with the studio.
+    parameters, one layer a view, for the technique of that name, and ``placed`` what ``place-images`` wrote for the
+    city. Films go into the folder ``films``, or one of their own that vanishes with the studio.
     """
 
-    techniques: tuple[str, ...] = tuple(name for name in TECHNIQUES if name != SINGLE)
+    techniques: tuple[str, ...] = tuple(name for name in TECHNIQUES if name not in (SINGLE, PLACED))
     sessions: int = 4
     cache: int = 512 << 20
     samples: int = 0
     look: Look = field(default_factory=Look)
     single_mesh: Path | None = None
+    placed: Path | None = None
     films: Path | None = None
 
     def __post_init__(self) -> None:
@@ -48,7 +49,11 @@ class StudioOptions:
         if not self.techniques:
             raise ParameterError("techniques: one or more expected, found none")
         names = [find_technique(name).name for name in self.techniques]
-        if self.single_mesh is not None and SINGLE not in names:
-            object.__setattr__(self, "techniques", (*self.techniques, SINGLE))
-        elif self.single_mesh is None and SINGLE in names:
-            raise ParameterError(f"techniques: {SINGLE} needs a dataset of its own, found none")
+        for needy, folder, what in (
+            (SINGLE, self.single_mesh, "a dataset of its own"),
+            (PLACED, self.placed, "a folder that place-images wrote (--placed)"),
+        ):
+            if folder is not None and needy not in names:
+                object.__setattr__(self, "techniques", (*self.techniques, needy))
+            elif folder is None and needy in names:
+                raise ParameterError(f"techniques: {needy} needs {what}, found none")

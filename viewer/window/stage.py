@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from types import TracebackType
 
 import numpy as np
@@ -28,6 +29,7 @@ from viewer.cells.scene_cache import foretold_bytes
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
 from viewer.drawing.style import Style, layer_names
+from viewer.placed.rules import PlacedRules
 from viewer.plan import CellKey, CellLayers, Costs, Draw, Ground, Objects, Plan, Relief
 from viewer.runtime.calibration import calibrated
 from viewer.scene.scene import WalkScene
@@ -48,7 +50,9 @@ _SPEED = 4.0
 class Stage:
     """Scenes by name, the renderer that draws them, and their cells in memory. Use as a context manager, in one thread."""
 
-    def __init__(self, scenes: Mapping[str, WalkScene], *, capacity: int, samples: int = 0) -> None:
+    def __init__(
+        self, scenes: Mapping[str, WalkScene], *, capacity: int, samples: int = 0, placed: Path | None = None
+    ) -> None:
         self.scenes = scenes
         self.main = scenes[MAIN]
         self._capacity, self._samples = capacity, samples
@@ -61,7 +65,9 @@ class Stage:
         self._bad: dict[CellKey, tuple[float, DatasetError]] = {}
         self._wants: dict[str, tuple[tuple[CellKey, ...], tuple[CellKey, ...]]] = {}
         self._preparing: dict[str, Preparation] = {}
-        self.rules = TechniqueRules(rays=CastRules(workers=usable_cores()))
+        self.rules = TechniqueRules(
+            rays=CastRules(workers=usable_cores()), placed=PlacedRules(placed, threads=usable_cores())
+        )
         """What techniques are told."""
 
     def __enter__(self) -> Stage:

@@ -82,7 +82,9 @@ class Studio:
         if self.options.single_mesh is not None:
             scenes[SINGLE] = open_scene(open_dataset(self.options.single_mesh), name=SINGLE, like=self.scene)
         self._streets = Streets(self.scene, city)
-        self._stage = Stage(scenes, capacity=self.options.cache, samples=self.options.samples)
+        self._stage = Stage(
+            scenes, capacity=self.options.cache, samples=self.options.samples, placed=self.options.placed
+        )
         self._answers = Answers(self.scene, city, self._stage, self._streets, films=self.options.films)
         self._lock = threading.Condition()
         self._seats: dict[str, _Seat] = {}

@@ -37,7 +37,7 @@ def test_two_processes_make_the_same_bytes(model, summary, tmp_path):
 
 
 def test_what_was_stopped_goes_on_and_comes_to_the_same_bytes(model, summary, tmp_path):
-    def stop(done, total, name):
+    def stop(_done, _total, name):
         if name == "image 9":
             raise KeyboardInterrupt
 
@@ -53,7 +53,7 @@ def test_what_was_stopped_goes_on_and_comes_to_the_same_bytes(model, summary, tm
     assert placed(model, tmp_path / "one").made == 0
 
 
-def test_a_damaged_image_is_told_and_made_again(model, summary, tmp_path):
+def test_a_damaged_image_is_told_and_made_again(model, tmp_path):
     placed(model, tmp_path / "one")
     folder = open_placed(tmp_path / "one")
     data = bytearray(folder.file(2).read_bytes())
@@ -71,7 +71,7 @@ def test_a_damaged_image_is_told_and_made_again(model, summary, tmp_path):
     assert open_placed(tmp_path / "one").image(2).view.window == folder.solutions.view(2).window
 
 
-def test_other_rules_replace_what_is_there(model, summary, tmp_path):
+def test_other_rules_replace_what_is_there(model, tmp_path):
     placed(model, tmp_path / "one")
     fewer = placed(model, tmp_path / "one", pictures=1)
     assert fewer.made == fewer.images

@@ -10,6 +10,7 @@ import pytest
 from cities import crossroads
 from moving import block, movers_of
 from PIL import Image
+from techniques_drawn import OF_DATASETS
 
 import viewer
 from mmi.building.dataset import build_dataset
@@ -18,7 +19,6 @@ from mmi.walks.walk import Keyframe, Pose, Walk
 from viewer.drawing.opengl import is_software
 from viewer.measuring.summary import ERRORS
 from viewer.report.compare import CompareOptions, compare_views, compare_walk
-from viewer.techniques.catalogue import TECHNIQUES
 from viewer.techniques.virtual_frames import FrameRules
 
 SCHEMA = json.loads((Path(viewer.__file__).parent / "report" / "schemas" / "report.json").read_text())
@@ -29,7 +29,7 @@ WALK = Walk("east", (Keyframe(0.0, Pose((20.0, 0.0, 1.7), 0.2, 0.0)), Keyframe(4
 def views(dataset, tmp_path_factory):
     out = tmp_path_factory.mktemp("views")
     return out, compare_views(
-        dataset.path, out, views=6, seed=5, options=CompareOptions(techniques=tuple(TECHNIQUES), keep=2)
+        dataset.path, out, views=6, seed=5, options=CompareOptions(techniques=tuple(OF_DATASETS), keep=2)
     )
 
 
@@ -37,7 +37,7 @@ def views(dataset, tmp_path_factory):
 def walked(dataset, tmp_path_factory):
     out = tmp_path_factory.mktemp("walk")
     options = CompareOptions(
-        techniques=tuple(TECHNIQUES), frames_per_second=5.0, scored=4, keep=1, video="webp", fade=0.0
+        techniques=tuple(OF_DATASETS), frames_per_second=5.0, scored=4, keep=1, video="webp", fade=0.0
     )
     told = []
     report = compare_walk(dataset.path, out, WALK, options=options, progress=lambda *what: told.append(what))
@@ -49,7 +49,7 @@ def test_the_report_is_written_and_keeps_its_schema(views, walked):
         jsonschema.validate(report, SCHEMA)
         assert json.loads((out / "report.json").read_text()) == report
         page = (out / "report.html").read_text()
-        assert all(name in page for name in TECHNIQUES)
+        assert all(name in page for name in OF_DATASETS)
         for worst in report["worst"]:
             with Image.open(out / worst["picture"]) as picture:
                 assert picture.size[0] > 3 * report["display"]["width"] - 1
@@ -70,7 +70,7 @@ def test_the_reference_is_not_compared_with_itself(dataset, tmp_path, monkeypatc
         full = report["techniques"]["full"]
         assert {full[key] for key in (*ERRORS, "pop", "loading")} == {None}
         assert full["frame_ms"]["p50"] > 0.0
-        assert set(report["scored"]) == set(TECHNIQUES) - {"full"}
+        assert set(report["scored"]) == set(OF_DATASETS) - {"full"}
     monkeypatch.setattr("viewer.measuring.judge.view_errors", None)  # nothing is compared
     alone = CompareOptions(techniques=("full",), frames_per_second=2.0)
     for report in (
@@ -154,7 +154,7 @@ def test_a_walk_is_told_frame_by_frame(walked):
         assert film.n_frames == frames
     assert {what for *_, what in told} >= {"frames timed", "frames scored", "cells of single-mesh"}
     timed = [done for done, _, what in told if what == "frames timed"]
-    assert timed == [*range(len(TECHNIQUES) * frames), len(TECHNIQUES) * frames]
+    assert timed == [*range(len(OF_DATASETS) * frames), len(OF_DATASETS) * frames]
 
 
 def test_what_moves_is_compared_in_every_technique(dataset, tmp_path):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from techniques_drawn import OF_DATASETS
 
 from mmi.walks.walk import Keyframe, Pose, Walk
 from viewer.cells.scene_cache import cell_cache
@@ -13,7 +14,7 @@ from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.plan import Budget, Costs, Done, ImageKey, Plan, Request, Sky, Slot, Work
 from viewer.runtime.cost_model import CostModel
 from viewer.runtime.loop import FrameLoop, replay, run_walk
-from viewer.techniques.catalogue import TECHNIQUES, make_technique
+from viewer.techniques.catalogue import make_technique
 
 WALK = Walk(
     "east and north",
@@ -77,7 +78,7 @@ def scenes(scene, single):
     return {"multi-mesh": scene, "single-mesh": single}
 
 
-@pytest.mark.parametrize("name", TECHNIQUES)
+@pytest.mark.parametrize("name", OF_DATASETS)
 def test_a_walk_replayed_gives_the_same_plans_whatever_the_loading(scenes, name):
     first, times, _ = run(scenes, name)
     second, again, _ = run(scenes, name, capacity=1, slowly=0.002)
@@ -161,7 +162,7 @@ def loop_of(scenes, name, cache, painter):
     return FrameLoop(make_technique(name, scenes), painter, cache, camera=scenes["multi-mesh"].camera)
 
 
-@pytest.mark.parametrize("name", TECHNIQUES)
+@pytest.mark.parametrize("name", OF_DATASETS)
 def test_stepping_by_hand_is_the_walk(scenes, name):
     """Poses and times asked for one by one, without a word of cuts but the one that is there, give the walk's frames."""
     whole, times, _ = run(scenes, name)

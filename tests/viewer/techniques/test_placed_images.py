@@ -1,4 +1,4 @@
-"""Walks with placed images: near to the geometry, never more triangles than the budget, and geometry where nothing is promised."""
+"""Walks with placed images: near to the geometry, within the budget, and the geometry itself where nothing is promised."""
 
 import math
 
@@ -73,14 +73,14 @@ def errors(renderer, scene, technique, view):
 
 def test_from_its_point_an_image_is_the_geometry(scene, renderer, technique, folder):
     looked = 0
-    for image in folder.solutions.images[::5]:
+    for image in folder.solutions.images:
         view = look(image.point, image.placement.yaw)
         if folder.solutions.grid.closest(view.eye, image.placement.yaw) < 0:
             continue
         found = errors(renderer, scene, technique, view)
         looked += technique.latest.image
         assert found.thickness_px <= 1.0
-    assert looked > 3
+    assert looked > 0
 
 
 def test_random_views_are_near_to_the_geometry(scene, renderer, technique, folder):
@@ -149,7 +149,7 @@ def test_few_bytes_are_slower_and_never_wrong(scene, folder):
 
 
 def test_a_folder_of_another_model_or_none_is_refused(scene, folder):
-    with pytest.raises(ParameterError, match="^placed: the folder of placed images expected"):
+    with pytest.raises(ParameterError, match=r"^placed: the folder of placed images expected"):
         PlacedImages(scene, PlacedRules())
 
     with pytest.raises(ParameterError, match="images placed for made as it is now expected"):

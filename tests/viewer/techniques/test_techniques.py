@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from techniques_drawn import OF_DATASETS
 
 from mmi.foundation.camera import level_view
 from mmi.foundation.errors import DatasetError, ParameterError
@@ -11,7 +12,7 @@ from mmi.foundation.plug_ins import plug_in
 from viewer.plan import Budget, CellKey, CellLayers, Faces, Ground, Objects, Plan, Sky
 from viewer.scene.follower import Follower
 from viewer.scene.scene import open_scene
-from viewer.techniques.catalogue import MAIN, REFERENCE, TECHNIQUES, find_technique, make_technique
+from viewer.techniques.catalogue import MAIN, REFERENCE, find_technique, make_technique
 from viewer.techniques.geometry import FullGeometry
 from viewer.techniques.layered import LayeredImpostors
 
@@ -36,7 +37,7 @@ def scenes(scene, single):
     return {"multi-mesh": scene, "single-mesh": single}
 
 
-@pytest.mark.parametrize("name", TECHNIQUES)
+@pytest.mark.parametrize("name", OF_DATASETS)
 def test_every_technique_draws_objects_ground_and_sky_last(scenes, scene, name):
     technique = make_technique(name, scenes)
     assert technique.name == name
@@ -48,7 +49,7 @@ def test_every_technique_draws_objects_ground_and_sky_last(scenes, scene, name):
 
 
 def test_what_geometry_techniques_draw(scenes, scene, dataset):
-    plans = {name: make_technique(name, scenes).plan(look(scene, 50.0), now=0.0, budget=BUDGET) for name in TECHNIQUES}
+    plans = {name: make_technique(name, scenes).plan(look(scene, 50.0), now=0.0, budget=BUDGET) for name in OF_DATASETS}
     entry = dataset.cell("0001-01")
     index = dataset.city().index()
     assert objects(plans["full"]).tolist() == list(range(16))
@@ -89,7 +90,7 @@ def test_neighbours_are_wanted_ahead_in_the_direction_of_walking(scenes, scene):
 
 def test_the_same_walk_gives_the_same_plans(scenes, scene):
     xs = np.concatenate([np.arange(5.0, 140.0, 3.0), np.arange(140.0, 5.0, -3.0)])
-    for name in TECHNIQUES:
+    for name in OF_DATASETS:
         first, second = (walk(make_technique(name, scenes), scene, xs) for _ in range(2))
         assert all(a.same_as(b) for a, b in zip(first, second, strict=True))
     assert not first[0].same_as(first[len(first) // 2])

@@ -1,0 +1,108 @@
+"""``place-images`` as a program: what it says, what it refuses in one line, and walks with what it wrote."""
+
+import json
+from pathlib import Path
+
+import jsonschema
+import pytest
+from placed_models import towers
+
+import viewer
+from mmi.dataset.city_files import city_glb
+from viewer.placed import solutions
+from viewer.programs.compare_impostors import compare_impostors
+from viewer.programs.place_images import place_images
+
+SCHEMA = json.loads((Path(viewer.__file__).parent / "report" / "schemas" / "report.json").read_text())
+OPTIONS = ("--budget", "2000", "--optimize", "1400", "--display", "96x72", "--octree-depth", "4", "--pictures", "5")
+
+
+def run(program, *arguments):
+    with pytest.raises(SystemExit) as ended:
+        program([str(one) for one in arguments])
+    return ended.value.code
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    """A model as a file; what is read of it is not quite what was written, names and grounds of objects for instance."""
+    path = tmp_path_factory.mktemp("model") / "towers.glb"
+    path.write_bytes(city_glb(towers())[0])
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(model, tmp_path_factory):
+    path = tmp_path_factory.mktemp("placed") / "out"
+    assert run(place_images, model, "-o", path, *OPTIONS, "--workers", "1", "--quiet") == 0
+    return path
+
+
+def test_it_says_what_it_made_and_that_the_budget_is_kept(model, folder, capsys):
+    assert run(place_images, model, "-o", folder, *OPTIONS, "--workers", "1", "--check", "200") == 0
+    out = capsys.readouterr().out
+    assert "(0 made now)" in out
+    assert "budget kept: at most " in out and " of 2,000 triangles in 200 views" in out
+    assert str(folder / "manifest.json") in out
+
+
+def test_its_json_is_json(model, folder, capsys):
+    assert run(place_images, model, "-o", folder, *OPTIONS, "--workers", "1", "--check", "50", "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["checked"]["kept"] is True
+    assert told["most_triangles"] <= told["budget"] == 2000
+    assert told["made"] == 0 < told["images"]
+
+
+def test_a_broken_budget_is_exit_status_1(model, folder, capsys, monkeypatch):
+    monkeypatch.setattr(solutions.Solutions, "serving", lambda *_: -1)
+    assert run(place_images, model, "-o", folder, *OPTIONS, "--workers", "1", "--check", "100", "--quiet") == 1
+    assert "budget BROKEN in " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--budget", "0"), "--budget: 2 to "),
+        (("--budget", "50", "--optimize", "60"), "--optimize: 1 to 50 expected, found 60"),
+        (("--budget", "50", "--check", "0"), "--check: 1 to "),
+        (("--budget", "50", "--workers", "0"), "--workers: 1 to "),
+        (("--budget", "50", "--pitch", "90"), "--pitch: 0 to 90 degrees expected"),
+        (("--budget", "50", "--fov", "200"), "--display, --fov: "),
+        (("--budget", "50", "--weights", "1,2"), "four numbers from 0 to 1"),
+        (("--budget", "50", "--heights", "2,1"), "two heights, the lower first"),
+        (("--budget", "4", "--display", "96x72"), "a larger budget is needed"),
+    ],
+)
+def test_a_mistake_is_one_line(model, tmp_path, capsys, options, said):
+    assert run(place_images, model, "-o", tmp_path / "out", *options, "--quiet") == 2
+    line = capsys.readouterr().err.strip().splitlines()[-1]
+    assert line.startswith("place-images: error: ") and said in line
+
+
+def test_a_folder_of_something_else_is_refused(model, tmp_path, capsys):
+    (tmp_path / "mine.txt").write_text("mine")
+    assert run(place_images, model, "-o", tmp_path, *OPTIONS, "--quiet") == 2
+    assert "found other files (mine.txt); nothing was changed" in capsys.readouterr().err
+
+
+def test_walks_with_it_are_compared(model, folder, tmp_path):
+    arguments = ("--techniques", "full,placed-images", "--placed", folder, "--display", "96x72", "--quiet")
+    assert run(compare_impostors, model, "-o", tmp_path / "out", "--views", "6", *arguments) == 0
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    jsonschema.validate(report, SCHEMA)
+    found = report["techniques"]["placed-images"]["placed"]
+    assert found["over_budget"] == 0 and found["most_triangles"] <= found["budget"] == 2000
+    assert report["techniques"]["full"]["placed"] is None
+
+
+def test_without_a_folder_or_with_one_of_another_model_it_is_one_line(model, folder, tmp_path, capsys, dataset):
+    arguments = ("-o", tmp_path / "out", "--views", "1", "--techniques", "full,placed-images", "--quiet")
+    assert run(compare_impostors, model, *arguments) == 2
+    assert (
+        "--placed: a folder that place-images wrote expected for placed-images, found none" in capsys.readouterr().err
+    )
+    assert run(compare_impostors, dataset.path, *arguments, "--placed", folder) == 2
+    assert "as it is now expected, found those for" in capsys.readouterr().err
+    assert run(compare_impostors, model, *arguments, "--placed", tmp_path) == 2
+    assert "a folder that place-images wrote expected" in capsys.readouterr().err
