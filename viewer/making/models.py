@@ -98,7 +98,7 @@ class SharedMeshes:
         return mesh, ground
 
     def _array(self, name: str) -> NDArray[Any]:
-        found: NDArray[Any] = np.load(self.folder / f"{name}.npy", mmap_mode="r", allow_pickle=False)
+        found: NDArray[Any] = np.load(self.folder / f"{name}.npy", mmap_mode="r")
         return found
 
 
@@ -108,7 +108,7 @@ def shared_meshes(model: Model, folder: Path) -> Iterator[SharedMeshes]:
     with TemporaryDirectory(prefix=".meshes-", dir=folder) as place:
         for which, mesh in (("objects", model.mesh), ("ground", model.ground)):
             for name in _arrays():
-                np.save(Path(place) / f"{which}-{name}.npy", getattr(mesh, name), allow_pickle=False)
+                np.save(Path(place) / f"{which}-{name}.npy", getattr(mesh, name))
         yield SharedMeshes(Path(place))
 
 

@@ -12,7 +12,7 @@ from mmi.foundation.plug_ins import plug_in
 from viewer.plan import Budget, CellKey, CellLayers, Faces, Ground, Objects, Plan, Sky
 from viewer.scene.follower import Follower
 from viewer.scene.scene import open_scene
-from viewer.techniques.catalogue import MAIN, REFERENCE, find_technique, make_technique
+from viewer.techniques.catalogue import MAIN, REFERENCE, TECHNIQUES, find_technique, make_technique
 from viewer.techniques.geometry import FullGeometry
 from viewer.techniques.layered import LayeredImpostors
 
