@@ -94,7 +94,7 @@ def encoded(image: LayeredImage) -> bytes:
         *(_shuffled(values) for values in (*coded.off.T, *coded.told.T)),
         np.ascontiguousarray(image.reaches.T),
     )
-    packed = [zlib.compress(part.tobytes(), 9) for part in parts] + [_colors_packed(image)]
+    packed = [zlib.compress(part.tobytes(), 6) for part in parts] + [_colors_packed(image)]
     head = _HEADER.pack(_MAGIC, *numbers, *image.view.eye_from_world[:3].ravel())
     return head + b"".join(_LENGTH.pack(len(one)) + one for one in packed)
 

@@ -159,7 +159,7 @@ def placed_rules(options: argparse.Namespace, techniques: Collection[str]) -> Pl
     given = _given(options, _PLACED_OPTIONS, _PLACED, techniques)
     if not given and _PLACED in techniques:
         raise ParameterError(f"--placed: a folder that place-images wrote expected for {_PLACED}, found none")
-    return PlacedRules(**given, threads=usable_cores())
+    return PlacedRules(**given, threads=max(1, usable_cores() // 2))
 
 
 def _given(

@@ -66,7 +66,7 @@ class Stage:
         self._wants: dict[str, tuple[tuple[CellKey, ...], tuple[CellKey, ...]]] = {}
         self._preparing: dict[str, Preparation] = {}
         self.rules = TechniqueRules(
-            rays=CastRules(workers=usable_cores()), placed=PlacedRules(placed, threads=usable_cores())
+            rays=CastRules(workers=usable_cores()), placed=PlacedRules(placed, threads=max(1, usable_cores() // 2))
         )
         """What techniques are told."""
 
