@@ -96,7 +96,10 @@ class PlacedImages:
         if last >= len(self._cells.counts):
             raise ParameterError(f"{folder.path}: {len(self._cells.counts)} cells expected, found cell {last}")
         self._corners = box_corners(self._cells.boxes[:, 0], self._cells.boxes[:, 1])
-        self._images = LoadedImages(folder, most=rules.bytes)
+        self._images: LoadedImages = scene.workshop.once(
+            ("images in memory", path, rules.bytes), lambda: LoadedImages(folder, most=rules.bytes)
+        )
+        self._eye: NDArray[np.float64] | None = None
         self._points = np.array([one.point for one in solutions.images]).reshape(-1, 3)
         self._faces: tuple[bytes, Faces] | None = None
         self.tally = PlacedTally()
@@ -127,8 +130,9 @@ class PlacedImages:
                 draws.append(_picture(image, view, self._threads))
                 samples = len(image.depths)
         faces = self._of(np.flatnonzero(seen))
-        if not self._counting:
+        if self._eye is not None and not self._counting:  # who has only just come may be gone at once
             self._images.want(self._around(eye))
+        self._eye = eye
         counted, most = len(faces.triangles), solutions.rules.budget
         self.latest = PlacedTally(
             frames=1,
