@@ -122,7 +122,8 @@ def compare_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         "--display",
         type=size_option,
         metavar="WxH",
-        help=f"pixels (default: what the dataset was built for; {_DISPLAY[0]}x{_DISPLAY[1]} for a CITY)",
+        help="pixels (default: what the dataset was built for, or placed images; "
+        f"{_DISPLAY[0]}x{_DISPLAY[1]} for a CITY)",
     )
     display.add_argument(
         "--fov",
@@ -359,11 +360,16 @@ def _techniques(names: list[str] | None, *, of_city: bool) -> list[str]:
 
 
 def _camera(options: argparse.Namespace, *, of_city: bool) -> Camera | None:
-    """The display that was asked for; None where none was. What is not said is as usual."""
-    if options.display is None and options.fov is None:
+    """The display that was asked for; None where none was. What is not said is as usual, or as placed images want it."""
+    if options.display is None and options.fov is None and options.folder is None:
         return None
     size, fov = _DISPLAY, math.radians(_FOV)
-    if not of_city and None in (options.display, options.fov):
+    if options.folder is not None:
+        from viewer.placed.folder import open_placed
+
+        placed_for = open_placed(options.folder).solutions.camera
+        size, fov = (placed_for.width, placed_for.height), placed_for.fov
+    elif not of_city and None in (options.display, options.fov):
         from mmi.dataset.reading import open_dataset
 
         built_for = open_dataset(options.source).manifest.parameters.camera

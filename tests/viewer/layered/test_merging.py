@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from placed_pictures import Sheets, apart, hits, picture_of, view_at
 from scipy.ndimage import binary_dilation
 
+from viewer.layered import merging
 from viewer.layered.layered_image import HALF
 from viewer.layered.merging import merged, slopes_of
 from viewer.layered.viewpoints import construction_views
 from viewer.layered.warping import warped
-from viewer.placing import merging
 
 RADIUS = 4.0
 

@@ -87,10 +87,11 @@ def test_a_folder_of_something_else_is_refused(model, tmp_path, capsys):
 
 
 def test_walks_with_it_are_compared(model, folder, tmp_path):
-    arguments = ("--techniques", "full,placed-images", "--placed", folder, "--display", "96x72", "--quiet")
+    arguments = ("--techniques", "full,placed-images", "--placed", folder, "--quiet")
     assert run(compare_impostors, model, "-o", tmp_path / "out", "--views", "6", *arguments) == 0
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     jsonschema.validate(report, SCHEMA)
+    assert report["display"]["width"] == 96  # that of the images
     found = report["techniques"]["placed-images"]["placed"]
     assert found["over_budget"] == 0 and found["most_triangles"] <= found["budget"] == 2000
     assert report["techniques"]["full"]["placed"] is None

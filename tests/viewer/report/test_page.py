@@ -77,6 +77,7 @@ def technique(name, views, frames, walked):
         "movers": None,
         "rays": None,
         "boxes": None,
+        "placed": None,
     }
 
 
