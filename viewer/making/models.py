@@ -24,6 +24,7 @@ from mmi.foundation.errors import ParameterError
 from mmi.foundation.progress import Progress, silent
 from mmi.reading.read_city import CityReport, read_city
 from mmi.reading.read_options import ReadOptions
+from viewer.placed.folder import WORKING
 from viewer.scene.scene import WalkScene
 
 __all__ = ["Model", "ModelSource", "SharedMeshes", "shared_meshes"]
@@ -105,7 +106,7 @@ class SharedMeshes:
 @contextmanager
 def shared_meshes(model: Model, folder: Path) -> Iterator[SharedMeshes]:
     """The meshes of a model in a temporary folder within ``folder``, for the block."""
-    with TemporaryDirectory(prefix=".meshes-", dir=folder) as place:
+    with TemporaryDirectory(prefix=WORKING, dir=folder) as place:
         for which, mesh in (("objects", model.mesh), ("ground", model.ground)):
             for name in _arrays():
                 np.save(Path(place) / f"{which}-{name}.npy", getattr(mesh, name))

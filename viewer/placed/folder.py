@@ -14,6 +14,7 @@ import fcntl
 import hashlib
 import json
 import math
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -33,6 +34,7 @@ from viewer.placed.solutions import Solutions, solutions_from, solutions_to_byte
 __all__ = [
     "FORMAT_VERSION",
     "PROGRAM",
+    "WORKING",
     "PlacedFolder",
     "folder_of",
     "has_solutions",
@@ -45,6 +47,8 @@ __all__ = [
 
 PROGRAM = "place-images"
 FORMAT_VERSION = 1
+WORKING = ".meshes-"
+"""What folders are called that are there only while images are made."""
 _SOLUTIONS_BYTES = 1 << 30
 _IMAGE_BYTES = 1 << 28
 _SUM = 32
@@ -205,6 +209,8 @@ def placing_folder(path: Path) -> Iterator[Path]:
             for one in (*path.iterdir(), *images.iterdir()):
                 if is_leftover(one):
                     one.unlink(missing_ok=True)
+            for one in path.glob(f"{WORKING}*"):  # of a run that was killed
+                shutil.rmtree(one, ignore_errors=True)
             yield path
     except OSError as error:
         raise DatasetError(

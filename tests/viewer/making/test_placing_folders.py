@@ -46,6 +46,8 @@ def test_what_was_stopped_goes_on_and_comes_to_the_same_bytes(model, summary, tm
     with pytest.raises(DatasetError, match="not finished: run the same command again"):
         open_placed(tmp_path / "one")
     (tmp_path / "one" / "images" / "000003-0123456789ab.ldi.part-99").write_bytes(b"half an image")
+    (tmp_path / "one" / ".meshes-killed").mkdir()
+    (tmp_path / "one" / ".meshes-killed" / "objects-uv.npy").write_bytes(b"")
     again = placed(model, tmp_path / "one")
     assert again.made == again.images - 10
     assert "grid" not in again.stages
