@@ -30,7 +30,7 @@ from mmi.foundation.kernels import kernel
 from mmi.reading.read_city import read_city
 from viewer.placing.coverage import lattice_for, reach
 from viewer.placing.directions import TURN, arcs_of, ranges_of, seen_from
-from viewer.placing.model_cells import ModelCells, model_cells
+from viewer.placing.model_cells import ModelCells, cells_for
 from viewer.placing.placements import Placements, placements_at
 from viewer.placing.refining import solution_grid
 from viewer.placing.rules import PlacingRules, fov_of
@@ -110,7 +110,7 @@ def table(
     for target in targets:
         rules = PlacingRules(budget, target, FOV)
         start = time.perf_counter()
-        cells = model_cells(positions, triangles, depth=rules.depth, most=rules.cell_triangles)
+        cells = cells_for(positions, triangles, rules)
         celled = time.perf_counter()
         domain = domain_of(cells)
         if flat is not None:

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.appearance.city_mesh import CityMesh
-from mmi.city.ranges import numbers_in
 from mmi.foundation.camera import View
 from viewer.drawing.renderer import Renderer
 from viewer.layered.layered_image import NOTHING, LayeredImage, Picture
@@ -42,8 +41,7 @@ class ImageCapture:
             box_corners(boxes[:, 0], boxes[:, 1]).reshape(-1, 3),
             arrangement="ahead",
         )
-        starts = self._cells.starts
-        triangles = np.sort(self._cells.triangles[numbers_in(starts[some], starts[some + 1])])
+        triangles = self._cells.triangles_of(some)
         return merged([self._picture(view, triangles, number) for view in views], radius=image.radius)
 
     def _picture(self, view: View, triangles: NDArray[np.int32], number: int) -> Picture:

@@ -23,13 +23,13 @@ from viewer.making.models import Model
 from viewer.making.workers import PicturesJob, PointsJob, crew_of
 from viewer.placed.folder import PlacedFolder, folder_of, has_solutions, placing_folder, read_solutions, write_manifest
 from viewer.placed.solutions import print_of, solutions_of
-from viewer.placing.model_cells import ModelCells, model_cells
+from viewer.placing.model_cells import cells_for
 from viewer.placing.placements import Placements
 from viewer.placing.refining import solution_grid
 from viewer.placing.rules import PlacingRules
 from viewer.placing.solution_grid import domain_of
 
-__all__ = ["PlacingSummary", "cells_of", "place_images"]
+__all__ = ["PlacingSummary", "place_images"]
 
 _AT_ONCE = 16
 """Points that a worker is given at a time."""
@@ -50,11 +50,6 @@ class PlacingSummary:
     stages: dict[str, float]
     peak_memory_bytes: int
     workers: int
-
-
-def cells_of(model: Model, rules: PlacingRules) -> ModelCells:
-    """The octree's cells of a model. Raises ParameterError where they cannot be small enough."""
-    return model_cells(model.mesh.positions, model.mesh.triangles, depth=rules.depth, most=rules.cell_triangles)
 
 
 def place_images(
@@ -84,7 +79,7 @@ def place_images(
         raise ParameterError(f"heights: a lower and a higher one expected, found {heights[0]:g} and {heights[1]:g}")
     stages: dict[str, float] = {}
     start = time.perf_counter()
-    cells = cells_of(model, rules)
+    cells = cells_for(model.mesh.positions, model.mesh.triangles, rules)
     stages["cells"] = time.perf_counter() - start
     told: dict[str, Any] = {
         "source": model.city.source,

@@ -13,9 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mmi.city.ranges import numbers_in
 from mmi.foundation.errors import ParameterError
+from viewer.placing.rules import PlacingRules
 
-__all__ = ["ModelCells", "model_cells"]
+__all__ = ["ModelCells", "cells_for", "model_cells"]
 
 _BITS = 18
 """Levels of the octree that middles are told apart by; a code has three bits for each, and a leading one."""
@@ -45,6 +47,15 @@ class ModelCells:
     def bounds(self) -> NDArray[np.float64]:
         """(2, 3) of the whole model."""
         return np.stack([self.boxes[:, 0].min(axis=0), self.boxes[:, 1].max(axis=0)])
+
+    def triangles_of(self, cells: NDArray[np.integer]) -> NDArray[np.int32]:
+        """The triangles of some ``cells`` (k,), each of them once, ascending."""
+        return np.sort(self.triangles[numbers_in(self.starts[cells], self.starts[cells + 1])])
+
+
+def cells_for(positions: NDArray[np.floating], triangles: NDArray[np.integer], rules: PlacingRules) -> ModelCells:
+    """The cells that images are placed with by ``rules``, and walked with. Raises what :func:`model_cells` raises."""
+    return model_cells(positions, triangles, depth=rules.depth, most=rules.cell_triangles)
 
 
 def model_cells(

@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mmi.city.ranges import numbers_in
 from mmi.foundation.camera import View
 from mmi.foundation.errors import ParameterError
 from viewer.computed import WarpedPicture
@@ -28,7 +27,7 @@ from viewer.placed.loading import LoadedImages
 from viewer.placed.rules import PlacedRules
 from viewer.placed.solutions import print_of
 from viewer.placing.directions import seen_from
-from viewer.placing.model_cells import ModelCells, model_cells
+from viewer.placing.model_cells import ModelCells, cells_for
 from viewer.plan import Budget, Draw, Faces, Plan, Sky
 from viewer.scene.frustum import box_corners, within_view
 from viewer.scene.scene import WalkScene
@@ -88,9 +87,7 @@ class PlacedImages:
         placing = solutions.rules
         self._cells: ModelCells = scene.workshop.once(
             ("cells", placing.depth, placing.cell_triangles),
-            lambda: model_cells(
-                scene.mesh.positions, scene.mesh.triangles, depth=placing.depth, most=placing.cell_triangles
-            ),
+            lambda: cells_for(scene.mesh.positions, scene.mesh.triangles, placing),
         )
         last = max((int(one.placement.cells[-1]) for one in solutions.images if len(one.placement.cells)), default=-1)
         if last >= len(self._cells.counts):
@@ -163,9 +160,8 @@ class PlacedImages:
         """What draws all triangles of ``cells`` (k,); the same cells have the same key."""
         told = cells.tobytes()
         if self._faces is None or self._faces[0] != told:
-            starts = self._cells.starts
-            triangles = np.sort(self._cells.triangles[numbers_in(starts[cells], starts[cells + 1])])
-            self._faces = told, Faces(f"placed {blake2b(told, digest_size=8).hexdigest()}", triangles)
+            key = f"placed {blake2b(told, digest_size=8).hexdigest()}"
+            self._faces = told, Faces(key, self._cells.triangles_of(cells))
         return self._faces[1]
 
     def _around(self, eye: NDArray[np.float64]) -> list[int]:

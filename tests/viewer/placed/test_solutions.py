@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from placed_models import CAMERA, RULES, model_of, towers
 
 from mmi.foundation.errors import DatasetError
-from viewer.making.place_images import cells_of
 from viewer.placed.solutions import print_of, solutions_from, solutions_of, solutions_to_bytes
+from viewer.placing.model_cells import cells_for
 from viewer.placing.placements import placements_at
 from viewer.placing.refining import solution_grid
 from viewer.placing.solution_grid import domain_of
@@ -19,7 +19,7 @@ from viewer.placing.solution_grid import domain_of
 @pytest.fixture(scope="module")
 def solutions():
     model = model_of(towers())
-    cells = cells_of(model, RULES)
+    cells = cells_for(model.mesh.positions, model.mesh.triangles, RULES)
     grid = solution_grid(cells, RULES, domain_of(cells))
     points = [placements_at(point, needs, cells, RULES) for point, needs in zip(grid.points, grid.needs(), strict=True)]
     return solutions_of(

@@ -7,7 +7,7 @@ import pytest
 from clustered_triangles import clusters
 
 from viewer.placing.directions import distances_to, seen_from
-from viewer.placing.model_cells import model_cells
+from viewer.placing.model_cells import cells_for
 from viewer.placing.placements import placements_at
 from viewer.placing.refining import solution_grid
 from viewer.placing.rules import Fov, PlacingRules
@@ -18,7 +18,7 @@ RULES = PlacingRules(4500, 3000, Fov(math.tan(math.radians(30.0)), 0.75 * math.t
 
 @pytest.fixture(scope="module")
 def placed():
-    cells = model_cells(*clusters(), depth=RULES.depth, most=RULES.cell_triangles)
+    cells = cells_for(*clusters(), RULES)
     grid = solution_grid(cells, RULES, domain_of(cells))
     needs = grid.needs()
     return cells, grid, needs, [placements_at(*one, cells, RULES) for one in zip(grid.points, needs, strict=True)]

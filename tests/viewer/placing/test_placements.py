@@ -8,7 +8,7 @@ from clustered_triangles import clusters
 
 from mmi.foundation.errors import ParameterError
 from viewer.placing.directions import TURN, seen_from
-from viewer.placing.model_cells import model_cells
+from viewer.placing.model_cells import cells_for
 from viewer.placing.placements import placements_at
 from viewer.placing.rules import Fov, PlacingRules
 from viewer.placing.solution_grid import Needs
@@ -20,7 +20,7 @@ NEEDS = Needs(np.array([0.0, 2.0]), np.array([3.0, 1.5]))
 
 @pytest.fixture(scope="module")
 def cells():
-    return model_cells(*clusters(), depth=RULES.depth, most=RULES.cell_triangles)
+    return cells_for(*clusters(), RULES)
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from clustered_triangles import clusters
 
 from mmi.foundation.errors import ParameterError
 from viewer.placing.directions import TURN, arc_holds, arcs_of, distances_to, seen_from
-from viewer.placing.model_cells import model_cells
+from viewer.placing.model_cells import cells_for, model_cells
 from viewer.placing.refining import solution_grid
 from viewer.placing.rules import Fov, PlacingRules
 from viewer.placing.solution_grid import domain_of
@@ -16,7 +16,7 @@ RULES = PlacingRules(3500, 2200, Fov(0.577, 0.433))
 
 @pytest.fixture(scope="module")
 def cells():
-    return model_cells(*clusters(), depth=RULES.depth, most=RULES.cell_triangles)
+    return cells_for(*clusters(), RULES)
 
 
 @pytest.fixture(scope="module")
