@@ -14,7 +14,7 @@ from viewer.drawing.renderer import Renderer
 from viewer.making.models import Model
 from viewer.placed.folder import PlacedFolder
 from viewer.placed.rules import PlacedRules
-from viewer.plan import Budget, Faces
+from viewer.plan import Budget, Faces, Plan
 from viewer.techniques.placed_images import PlacedImages, PlacedTally
 
 __all__ = ["Checked", "check_views"]
@@ -50,7 +50,6 @@ def check_views(
     camera, rng = solutions.camera, np.random.default_rng(seed)
     scene = model.scene(camera)
     technique = PlacedImages(scene, PlacedRules(folder.path), counting=True)
-    drawing = PlacedImages(scene, PlacedRules(folder.path))
     low, high = solutions.grid.domain
     step = max(views // _DRAWN, 1)
     drawn = 0
@@ -59,17 +58,16 @@ def check_views(
             eye, yaw = rng.uniform(low, high), rng.uniform(-math.pi, math.pi)
             pitch = rng.uniform(-solutions.rules.pitch, solutions.rules.pitch)
             view = view_towards(eye, yaw, pitch, focal=camera.focal, window=camera.window)
-            technique.plan(view, now=0.0, budget=Budget())
+            plan = technique.plan(view, now=0.0, budget=Budget())
             if number % step == 0 and drawn < _DRAWN:
-                _compare(renderer, drawing, view)
+                _compare(renderer, plan, view, technique.latest.most)
                 drawn += 1
             progress(number + 1, views, "views")
     return Checked(views, drawn, solutions.rules.budget, technique.tally)
 
 
-def _compare(renderer: Renderer, technique: PlacedImages, view: View) -> None:
-    plan = technique.plan(view, now=0.0, budget=Budget())
+def _compare(renderer: Renderer, plan: Plan, view: View, counted: int) -> None:
     plan = replace(plan, draws=tuple(one for one in plan.draws if isinstance(one, Faces)))
     found = renderer.draw(plan, view, read=False).triangles
-    if found != technique.latest.most:
-        raise FaultError(f"{technique.latest.most} triangles expected of a frame, found {found} that were drawn")
+    if found != counted:
+        raise FaultError(f"{counted} triangles expected of a frame, found {found} that were drawn")

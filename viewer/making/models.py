@@ -27,7 +27,7 @@ from mmi.reading.read_options import ReadOptions
 from viewer.placed.folder import WORKING
 from viewer.scene.scene import WalkScene
 
-__all__ = ["Model", "ModelSource", "SharedMeshes", "shared_meshes"]
+__all__ = ["Model", "SharedMeshes", "read_model", "shared_meshes"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,29 +60,24 @@ class Model:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class ModelSource:
-    """Where a model is, and how it is read. ``reading`` is None for a dataset.
+def read_model(
+    path: Path, reading: ReadOptions | None, *, longest_object: float | None, progress: Progress = silent
+) -> Model:
+    """The model at ``path``, a city that is read with the options ``reading``, or without them a dataset.
 
     Objects of a city longer than ``longest_object`` metres are cut, as they are where it is walked through; None cuts none.
+    Raises CityError, DatasetError, and ParameterError where it has no triangles.
     """
-
-    path: Path
-    reading: ReadOptions | None
-    longest_object: float | None
-
-    def read(self, progress: Progress = silent) -> Model:
-        """The model. Raises CityError, DatasetError, and ParameterError where it has no triangles."""
-        if self.reading is None:
-            dataset = open_dataset(self.path)
-            made = Model(dataset.city(), *read_city_mesh(dataset))
-        else:
-            city, report = read_city(self.path, self.reading, progress=progress)
-            city = cut_objects(city, self.longest_object)
-            made = Model(city, *city_meshes(city), report)
-        if not len(made.mesh.triangles):
-            raise ParameterError(f"{self.path}: a model with triangles expected, found none")
-        return made
+    if reading is None:
+        dataset = open_dataset(path)
+        made = Model(dataset.city(), *read_city_mesh(dataset))
+    else:
+        city, report = read_city(path, reading, progress=progress)
+        city = cut_objects(city, longest_object)
+        made = Model(city, *city_meshes(city), report)
+    if not len(made.mesh.triangles):
+        raise ParameterError(f"{path}: a model with triangles expected, found none")
+    return made
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,14 +16,14 @@ from typing import Any
 import numpy as np
 
 from mmi.foundation.camera import Camera
-from mmi.foundation.errors import ParameterError
+from mmi.foundation.errors import DatasetError, ParameterError
 from mmi.foundation.processes import peak_memory
 from mmi.foundation.progress import Progress, silent
 from viewer.layered.viewpoints import COUNTS
 from viewer.making.models import Model
 from viewer.making.workers import PicturesJob, PointsJob, crew_of
-from viewer.placed.folder import PlacedFolder, folder_of, has_solutions, placing_folder, read_solutions, write_manifest
-from viewer.placed.solutions import print_of, solutions_of
+from viewer.placed.folder import PlacedFolder, folder_of, placing_folder, read_solutions, write_manifest
+from viewer.placed.solutions import Solutions, print_of, solutions_of
 from viewer.placing.model_cells import cells_for
 from viewer.placing.placements import Placements
 from viewer.placing.refining import solution_grid
@@ -88,8 +89,10 @@ def place_images(
         "pictures": pictures,
         "rules": rules,
     }
+    known: Solutions | None = None
     with placing_folder(out) as path, crew_of(workers, path, model, cells, rules) as crew:
-        known = read_solutions(path) if has_solutions(path) else None
+        with suppress(DatasetError):  # what is missing or damaged is found anew
+            known = read_solutions(path)
         domain = domain_of(cells)
         if heights is not None:
             domain[:, 2] = heights
@@ -115,15 +118,14 @@ def place_images(
             known = solutions_of(**told, grid=grid, points=[found[n] for n in range(len(grid.points))])
             stages["points"] = time.perf_counter() - start
         folder = folder_of(path, known)
-        there = {number for number in range(len(known.images)) if folder.has_image(number)}
-        numbers = [number for number in range(len(known.images)) if number not in there]
+        numbers = [number for number in range(len(known.images)) if not folder.has_image(number)]
         start = time.perf_counter()
         peaks = {os.getpid(): peak_memory()}
         for done, one in enumerate(crew.do([PicturesJob(path, number) for number in numbers]), 1):
             peaks[one.process] = max(one.memory, peaks.get(one.process, 0))
-            progress(len(there) + done, len(known.images), f"image {one.number}")
+            progress(len(known.images) - len(numbers) + done, len(known.images), f"image {one.number}")
         stages["pictures"] = time.perf_counter() - start
-        sizes = write_manifest(folder)
+        size = write_manifest(folder)
     return PlacingSummary(
         folder=folder,
         triangles=len(model.mesh.triangles),
@@ -131,7 +133,7 @@ def place_images(
         points=len(known.points),
         images=len(known.images),
         made=len(numbers),
-        bytes=sizes,
+        bytes=size,
         largest_count=max((int(one.counts.max()) for one in known.points), default=0),
         stages=stages,
         peak_memory_bytes=sum(peaks.values()),

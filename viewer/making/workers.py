@@ -46,11 +46,9 @@ class PicturesJob(NamedTuple):
 
 
 class Made(NamedTuple):
-    """An image that is kept: its ``number``, ``bytes`` and ``samples``; its process has held ``memory`` bytes at most."""
+    """An image that is kept, by its ``number``; its ``process`` has held ``memory`` bytes at most."""
 
     number: int
-    bytes: int
-    samples: int
     process: int
     memory: int
 
@@ -83,9 +81,8 @@ class _Worker:
         if self._folder is None or self._folder.path != job.path:
             self._folder = folder_of(job.path)
         image = self._capture.image(self._folder.solutions, job.number)
-        data = encoded(image)
-        self._folder.write_image(job.number, data)
-        return Made(job.number, len(data), len(image.depths), os.getpid(), peak_memory(shared=False))
+        self._folder.write_image(job.number, encoded(image))
+        return Made(job.number, os.getpid(), peak_memory(shared=False))
 
     def close(self) -> None:
         """End the OpenGL context."""

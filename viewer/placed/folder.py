@@ -37,7 +37,6 @@ __all__ = [
     "WORKING",
     "PlacedFolder",
     "folder_of",
-    "has_solutions",
     "open_placed",
     "placing_folder",
     "read_manifest",
@@ -109,19 +108,11 @@ def folder_of(path: Path, solutions: Solutions | None = None) -> PlacedFolder:
         data = solutions_to_bytes(solutions)
     else:
         data = solutions_to_bytes(solutions)
-        if not has_solutions(path) or (path / _SOLUTIONS).read_bytes() != data:
-            write_whole(path / _SOLUTIONS, data)
+        file = path / _SOLUTIONS
+        if not file.is_file() or file.read_bytes() != data:
+            write_whole(file, data)
     told = hashlib.sha256(f"{FORMAT_VERSION} {package_version()} ".encode() + data)
     return PlacedFolder(path, solutions, told.hexdigest()[:12])
-
-
-def has_solutions(path: Path) -> bool:
-    """Whether the folder at ``path`` has solutions that can be read."""
-    try:
-        read_solutions(path)
-    except DatasetError:
-        return False
-    return True
 
 
 def read_solutions(path: Path) -> Solutions:

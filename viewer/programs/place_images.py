@@ -152,17 +152,14 @@ def _place(options: argparse.Namespace) -> None:
 
     from mmi.planning.parameters import BuildParameters
     from viewer.making.checking import check_views
-    from viewer.making.models import ModelSource
+    from viewer.making.models import read_model
     from viewer.making.place_images import place_images as place
     from viewer.placing.rules import PlacingRules, fov_of
 
-    source = ModelSource(
-        options.source, reading, None if options.objects == "blocks" else BuildParameters().longest_object
-    )
-
+    longest = None if options.objects == "blocks" else BuildParameters().longest_object
     talk = Console(stderr=options.json, quiet=options.quiet, highlight=False, markup=False, emoji=False)
     with ProgressBar("steps of reading", quiet=options.quiet) as advance:
-        model = source.read(advance)
+        model = read_model(options.source, reading, longest_object=longest, progress=advance)
     target = options.optimize
     if target is None:
         target = max(options.budget - round(0.06 * len(model.mesh.triangles)), options.budget // 2)
