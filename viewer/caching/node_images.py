@@ -1,11 +1,13 @@
 """The images that boxes of a tree have at the moment: from where, how wrong they are now, and where they are on the GPU.
 
 An image of generation 0 is drawn from primitives, one of generation g from images of generations below. It inherits what they
-were wrong by when it was captured, and half a texel, since it samples their texels anew. Generations have atlases of their own:
-what is captured never samples the picture that it is drawn into.
+were wrong by when it was captured, and half a texel's diagonal, since it samples their texels anew. Generations have atlases of
+their own: what is captured never samples the picture that it is drawn into.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +20,8 @@ __all__ = ["GENERATIONS", "NodeImages"]
 
 GENERATIONS = 3
 """Images of the last are combined no further."""
-_SAMPLED = 0.5
-"""Pixels that sampling texels anew adds to what an image is wrong by."""
+_SAMPLED = math.sqrt(0.5)
+"""Texels that sampling them anew adds to what an image is wrong by."""
 _FLICKERING = 0.5
 """An image that is shown at less than this share of its size would flicker."""
 
@@ -51,8 +53,8 @@ class NodeImages:
 
     @property
     def may_combine(self) -> bool:
-        """Whether an image may be drawn from others at all: it inherits half a texel even of those captured from there."""
-        return _SAMPLED * self.sharpness.pixel <= self.limit
+        """Whether an image may be drawn from others at all: it inherits part of a texel even of those captured from there."""
+        return _SAMPLED / self.sharpness.texel_focal <= self.limit
 
     def keep(
         self,
@@ -73,13 +75,13 @@ class NodeImages:
         self._captures[node], self._windows[node] = captures.eye_from_world[place], captures.windows[place]
         self._corners[node], self._depths[node] = slot.corner, captures.depths[place]
         self._shown[node], self._eyes[node] = captures.boxes[place], eye
+        self._distances[node] = np.linalg.norm(self._middles[node] - eye)
         self._inherited[node], self.generations[node] = inherited, generation
         self.captured[node] = self.used[node] = frame
         self._safe[node] = 0.0
 
     def settle(self, nodes: NDArray[np.int64]) -> None:
         """Find out for how far the viewer may go whichever way while images of ``nodes`` (k,), just captured, stay valid."""
-        self._distances[nodes] = np.linalg.norm(self._middles[nodes] - self._eyes[nodes], axis=1)
         self._safe[nodes] = safe_distance(
             self._eyes[nodes],
             self._shown[nodes],
@@ -89,14 +91,20 @@ class NodeImages:
         )
 
     def handed_on(self, nodes: NDArray[np.int64], eye: NDArray[np.float64], frame: int) -> NDArray[np.float64]:
-        """Radians (k,) that an image inherits which is drawn from that of one of ``nodes`` (k,): half a texel more than what
-        that is wrong by. Infinite where there is none, or it is of the last generation.
+        """Radians (k,) that an image inherits which is drawn from that of one of ``nodes`` (k,): what that is wrong by, and
+        half the diagonal of a texel as it is seen now. Infinite where there is none, or it is of the last generation.
         """
         found = self._inherited[nodes].copy()
         before = np.flatnonzero(self.captured[nodes] != frame)  # the others are captured from here
         found[before] = self.errors(nodes[before], eye)
         found[(self._atlas[nodes] < 0) | (self.generations[nodes] >= GENERATIONS - 1)] = np.inf
-        return found + _SAMPLED * self.sharpness.pixel
+        return found + _SAMPLED / self.sharpness.texel_focal * self._scales(nodes, eye)
+
+    def _scales(self, nodes: NDArray[np.int64], eye: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(k,) by how much larger than when they were captured images of ``nodes`` (k,) are seen from ``eye`` (3,)."""
+        distances = np.linalg.norm(self._middles[nodes] - eye, axis=1)
+        scales: NDArray[np.float64] = self._distances[nodes] / np.maximum(distances, 1e-12)
+        return scales
 
     def drop(self, node: int) -> None:
         """A node has no image any more."""
@@ -111,8 +119,7 @@ class NodeImages:
         some = nodes[there]
         if not len(some):
             return found
-        distances = np.linalg.norm(self._middles[some] - eye, axis=1)
-        scale = self._distances[some] / np.maximum(distances, 1e-12)
+        scale = self._scales(some, eye)
         errors = error_angle(
             eye, self._eyes[some], self._shown[some], Flat(distance=self._depths[some]), inherited=self._inherited[some]
         )
@@ -125,8 +132,7 @@ class NodeImages:
         Near where they were captured they may whatever the way there; only beyond is it asked what they are wrong by.
         """
         found = self._atlas[nodes] >= 0
-        distances = np.linalg.norm(self._middles[nodes] - eye, axis=1)
-        scale = self._distances[nodes] / np.maximum(distances, 1e-12)
+        scale = self._scales(nodes, eye)
         found &= (scale <= self.sharpness.finer) & (scale >= _FLICKERING)
         away = np.linalg.norm(self._eyes[nodes] - eye, axis=1)
         beyond = np.flatnonzero(found & (away > self._safe[nodes]))

@@ -33,7 +33,7 @@ class CacheRules:
     leaf_triangles: int = 1000
     depth: int | None = None
     largest: int = 256
-    bytes: int = 256 << 20
+    bytes: int = 512 << 20
     keep: Keep = "sphere"
     eager: bool = False
 

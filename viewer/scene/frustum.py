@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 
-__all__ = ["box_corners", "spheres_within_view", "window_corners", "within_view"]
+__all__ = ["box_corners", "boxes_within_view", "spheres_within_view", "window_corners", "within_view"]
 
 _ROUNDING = 1e-9
 """Metres."""
@@ -24,6 +24,18 @@ def within_view(corners: NDArray[np.float64], view: View) -> NDArray[np.bool_]:
     eye = corners @ view.eye_from_world[:3, :3].T + view.eye_from_world[:3, 3]
     inside = eye @ _sides(view).T >= 0.0  # (n, k, sides)
     return np.asarray(np.all(np.any(inside, axis=1), axis=1))
+
+
+def boxes_within_view(boxes: NDArray[np.float64], view: View) -> NDArray[np.bool_]:
+    """(n,) which axis-aligned ``boxes`` (n, 2, 3) may show in ``view``: as :func:`within_view` of their corners says, but for
+    rounding, at a tenth of its cost.
+
+    Of a box, the corner farthest in a side's direction decides (Assarsson & Moeller 2000, section 2).
+    """
+    sides = _sides(view)
+    inwards = sides @ view.eye_from_world[:3, :3]  # (sides, 3), in the world's frame
+    middle, half = 0.5 * (boxes[:, 0] + boxes[:, 1]) - view.eye, 0.5 * (boxes[:, 1] - boxes[:, 0])
+    return np.asarray(np.all(middle @ inwards.T + half @ np.abs(inwards).T >= 0.0, axis=1))
 
 
 def spheres_within_view(centres: NDArray[np.float64], radii: NDArray[np.float64], view: View) -> NDArray[np.bool_]:

@@ -27,7 +27,7 @@ from mmi.foundation.errors import DatasetError, ParameterError
 from mmi.movers.movers import NOTHING_MOVES, Movers
 from mmi.planning.parameters import BuildParameters
 from viewer.plan import Ground
-from viewer.scene.frustum import box_corners, window_corners, within_view
+from viewer.scene.frustum import boxes_within_view, window_corners, within_view
 from viewer.scene.skyline import Skyline, skyline_of
 from viewer.scene.workshop import Workshop
 
@@ -129,7 +129,7 @@ class WalkScene:
             reach = max(self.above_ground(view.eye), 0.1) * view.focal / _FAR_GROUND_PX
             away = np.maximum(np.maximum(low - view.eye, view.eye - high), 0.0)
             close = np.flatnonzero(np.hypot(away[:, 0], away[:, 1]) <= reach)
-        return Ground(tuple(close[within_view(box_corners(low[close], high[close]), view)].tolist()))
+        return Ground(tuple(close[boxes_within_view(self.tiles[close], view)].tolist()))
 
     def above_ground(self, eye: NDArray[np.float64]) -> float:
         """Metres from the ground up to ``eye`` (3,)."""

@@ -26,7 +26,7 @@ from viewer.caching.captures import Captures, captures_of, least_distances, shar
 from viewer.caching.node_images import NodeImages
 from viewer.caching.rules import CacheRules
 from viewer.plan import Budget, Costs, Draw, Faces, ImageKey, Nailboards, Plan, Request, Sky
-from viewer.scene.frustum import box_corners, within_view
+from viewer.scene.frustum import boxes_within_view
 from viewer.scene.scene import WalkScene
 
 __all__ = ["CacheTally", "ImageCache", "tree_of"]
@@ -115,7 +115,6 @@ class ImageCache:
         self._counts = self._tree.triangle_counts
         self._leaf = self._tree.is_leaf
         self._middles = 0.5 * (self._tree.boxes[:, 0] + self._tree.boxes[:, 1])
-        self._corners = box_corners(self._tree.boxes[:, 0], self._tree.boxes[:, 1])
         self._radii = 0.5 * np.linalg.norm(self._tree.boxes[:, 1] - self._tree.boxes[:, 0], axis=1)
         self._frame = 0
         self._eye: NDArray[np.float64] | None = None
@@ -150,14 +149,14 @@ class ImageCache:
             self._worth = budget.costs
         frame = _Frame(view.eye, budget.costs, self._worth, budget.updates, strict=math.isinf(budget.updates))
         images, direct = self._cut(view, self._worth)
-        seen = within_view(self._corners[images], view)
+        seen = boxes_within_view(self._tree.boxes[images], view)
         wanted = images if self._rules.keep == "sphere" else images[seen]
         valid = self._images.valid(wanted, view.eye)
         self._images.used[wanted[valid]] = self._frame
         self._update(wanted[~valid], view, frame)
         shown, late, more = self._shown(images[seen], frame)
         many = self._counts[more] > _MANY
-        drawn = np.concatenate([direct[within_view(self._corners[direct], view)], more[~many]])
+        drawn = np.concatenate([direct[boxes_within_view(self._tree.boxes[direct], view)], more[~many]])
         draws: tuple[Draw, ...] = (
             *self._images.boards(shown, self._frame),
             *self._primitives(drawn),
@@ -192,33 +191,40 @@ class ImageCache:
     def _cut(self, view: View, costs: Costs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Nodes that are to be images, and nodes whose primitives are drawn: together they hold everything once."""
         tree = self._tree
-        towards = self._middles - view.eye
-        distance = np.linalg.norm(towards, axis=1)
-        possible = (distance > self._least) & (self._counts > 0)
-        image, direct = possible, self._leaf & ~possible
-        if not self._rules.eager:
-            covers = np.abs(towards) / np.maximum(distance, 1e-9)[:, None]
-            x, y, z = (tree.boxes[:, 1] - tree.boxes[:, 0]).T
-            area = covers[:, 0] * y * z + covers[:, 1] * x * z + covers[:, 2] * x * y
-            takes = _GAIN * costs.relief * area * (view.focal / np.maximum(distance, 1e-9)) ** 2
-            captures = costs.request + costs.captured * self._counts
-            takes += captures / np.maximum(self._lasts(distance) / max(self._step, 1e-9), 1.0)
-            image = possible & (self._counts > _FEW) & (costs.triangle * self._counts > takes)
-            direct = ~image & (self._leaf | (self._counts <= _FEW))
-        ended = image | direct
-        above = np.zeros(len(ended), dtype=np.bool_)  # an ancestor is in the cut
-        for first, end in zip(tree.levels[1:-1], tree.levels[2:], strict=True):
-            parents = tree.parents[first:end]
-            above[first:end] = above[parents] | ended[parents]
-        return np.flatnonzero(image & ~above), np.flatnonzero(direct & ~above & (self._counts > 0))
+        images, direct = [], []
+        waiting = np.zeros(1, dtype=np.int64)
+        while len(waiting):
+            waiting = waiting[self._counts[waiting] > 0]
+            image, ends = self._ending(waiting, view, costs)
+            images.append(waiting[image])
+            direct.append(waiting[ends])
+            waiting = tree.children_of(waiting[~(image | ends)])
+        return np.sort(np.concatenate(images)), np.sort(np.concatenate(direct))
 
-    def _lasts(self, distance: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Metres (n,), about, that a viewer may go while images of nodes at a ``distance`` (n,) stay valid.
+    def _ending(
+        self, nodes: NDArray[np.int64], view: View, costs: Costs
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """(k,) which ``nodes`` (k,) are to be images, and which others are drawn as primitives; the rest is looked into."""
+        towards = self._middles[nodes] - view.eye
+        distance = np.linalg.norm(towards, axis=1)
+        possible, counts = distance > self._least[nodes], self._counts[nodes]
+        if self._rules.eager:
+            return possible, self._leaf[nodes] & ~possible
+        covers = np.abs(towards) / np.maximum(distance, 1e-9)[:, None]
+        x, y, z = (self._tree.boxes[nodes, 1] - self._tree.boxes[nodes, 0]).T
+        area = covers[:, 0] * y * z + covers[:, 1] * x * z + covers[:, 2] * x * y
+        takes = _GAIN * costs.relief * area * (view.focal / np.maximum(distance, 1e-9)) ** 2
+        captures = costs.request + costs.captured * counts
+        takes += captures / np.maximum(self._lasts(distance, self._radii[nodes]) / max(self._step, 1e-9), 1.0)
+        image = possible & (counts > _FEW) & (costs.triangle * counts > takes)
+        return image, ~image & (self._leaf[nodes] | (counts <= _FEW))
+
+    def _lasts(self, distance: NDArray[np.float64], radius: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Metres (k,), about, that a viewer may go while images of nodes of a ``radius`` at a ``distance`` (k,) stay valid.
 
         Points ``radius`` before and behind the middle part by 2 w radius / (distance^2 - radius^2) after w metres, of which a
         quadrilateral between them is off by half.
         """
-        radius = self._radii
         left = np.maximum(distance * distance - radius * radius, 0.0)
         found: NDArray[np.float64] = self._images.limit * left / np.maximum(radius, 1e-9)
         return found
@@ -230,7 +236,7 @@ class ImageCache:
         if frame.left <= 0.0 or not len(nodes):
             return
         if not frame.strict:
-            seen = within_view(self._corners[nodes], view)
+            seen = boxes_within_view(self._tree.boxes[nodes], view)
             nodes = nodes[np.lexsort((nodes, -self._images.errors(nodes, view.eye), ~seen))]
         captures = captures_of(view.eye, self._tree.boxes[nodes], self._images.sharpness)
         for place, node in enumerate(nodes.tolist()):

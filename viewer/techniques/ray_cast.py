@@ -22,7 +22,7 @@ from viewer.casting.panorama import Panorama, smallest_pixel
 from viewer.casting.rules import CastRules
 from viewer.computed import CastPixels
 from viewer.plan import Budget, Draw, Objects, Plan, Sky
-from viewer.scene.frustum import box_corners, within_view
+from viewer.scene.frustum import boxes_within_view
 from viewer.scene.scene import WalkScene
 
 __all__ = ["RayCasting", "limit_px"]
@@ -151,7 +151,7 @@ class RayCasting:
 def _in_view(near: NearSet, scene: WalkScene, view: View) -> Objects:
     """Near objects that the view may show. A viewer who walks and looks ahead sees the same for a while."""
     boxes = scene.boxes[near.objects]
-    shows = within_view(box_corners(boxes[:, 0], boxes[:, 1]), view)
+    shows = boxes_within_view(boxes, view)
     told = blake2b(np.packbits(shows).tobytes(), digest_size=8).hexdigest()
     return Objects(f"{near.key} {told}", near.objects[shows])
 

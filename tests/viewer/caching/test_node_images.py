@@ -68,7 +68,7 @@ def moved_onto(found, place, captured, where):
 def test_no_image_of_images_is_valid_that_is_wrong_by_more_than_the_limit(limit_px):
     """Parts' images of images' images, each captured from elsewhere: points go from quadrilateral to quadrilateral.
 
-    Each time an image is captured from others, texels are sampled anew, which is half a pixel that this does not see.
+    Each time an image is captured from others, texels are sampled anew, up to half the diagonal of one that this does not see.
     """
     rng = np.random.default_rng(11)
     limit = limit_px * SHARPNESS.pixel
@@ -84,13 +84,16 @@ def test_no_image_of_images_is_valid_that_is_wrong_by_more_than_the_limit(limit_
         images = images_of(boxes, limit)
         points = part[0] + rng.uniform(0.0, 1.0, (60, 3)) * np.ptp(part, axis=0)
         points[:8] = part[[[i & 1, i >> 1 & 1, i >> 2] for i in range(8)], [0, 1, 2]]
-        where, eye = points, rng.uniform(-150.0, 150.0, 3)
+        where, eye, sampled, before = points, rng.uniform(-150.0, 150.0, 3), 0.0, None
         for generation in range(GENERATIONS):
             inherited = 0.0
             if generation:
                 inherited = float(images.handed_on(np.array([generation - 1]), eye, generation)[0])
                 if inherited > limit:
                     break
+                middle = boxes[generation - 1].mean(axis=0)
+                closer = np.linalg.norm(middle - before) / np.linalg.norm(middle - eye)
+                sampled += math.sqrt(0.5) * closer / SHARPNESS.texel_focal
             found = keep(images, [generation], boxes, eye, inherited=inherited, generation=generation, frame=generation)
             if not found.possible[0]:
                 break
@@ -101,10 +104,10 @@ def test_no_image_of_images_is_valid_that_is_wrong_by_more_than_the_limit(limit_
                     continue
                 a, b = points - later, where - later
                 wrong = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1)).max()
-                assert wrong <= limit - 0.5 * generation * SHARPNESS.pixel
+                assert wrong <= limit - sampled
                 shown[generation] += 1
                 largest = max(largest, wrong / limit)
-            eye = eye + rng.normal(size=3) * 10.0 ** rng.uniform(-2.5, 0.0)
+            before, eye = eye, eye + rng.normal(size=3) * 10.0 ** rng.uniform(-2.5, 0.0)
     assert min(shown.values()) > 30
     assert largest > 0.5
 
@@ -122,16 +125,18 @@ def test_what_an_image_inherits_counts_with_its_own_error():
         assert other >= one + 0.6 * SHARPNESS.pixel - 1e-12
 
 
-def test_what_is_handed_on_is_half_a_texel_more_and_nothing_of_the_last_generation():
+def test_what_is_handed_on_is_part_of_a_texel_more_and_nothing_of_the_last_generation():
     boxes = np.array([[[20.0, -5.0, 0.0], [30.0, 5.0, 10.0]]] * 3)
     images = images_of(boxes)
     keep(images, [0], boxes, np.zeros(3), frame=4)
     keep(images, [1], boxes, np.zeros(3), frame=4, generation=GENERATIONS - 1)
     found = images.handed_on(np.arange(3), np.zeros(3), 4)
-    assert found.tolist() == [0.5 * SHARPNESS.pixel, math.inf, math.inf]
+    assert found.tolist() == [pytest.approx(math.sqrt(0.5) / SHARPNESS.texel_focal), math.inf, math.inf]
     moved = np.array([0.0, 0.05, 0.0])
     later = images.handed_on(np.array([0]), moved, 5)[0]
-    assert later == pytest.approx(images.errors(np.array([0]), moved)[0] + 0.5 * SHARPNESS.pixel)
+    middle = boxes[0].mean(axis=0)
+    texel = np.linalg.norm(middle) / np.linalg.norm(middle - moved) / SHARPNESS.texel_focal
+    assert later == pytest.approx(images.errors(np.array([0]), moved)[0] + math.sqrt(0.5) * texel)
 
 
 def test_texels_that_would_show_or_flicker_are_not_valid():

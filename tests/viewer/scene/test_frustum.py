@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mmi.foundation.camera import level_view, view_towards
-from viewer.scene.frustum import box_corners, spheres_within_view, window_corners, within_view
+from viewer.scene.frustum import box_corners, boxes_within_view, spheres_within_view, window_corners, within_view
 
 WINDOW = (-160, -120, 320, 240)
 coordinate = st.floats(-60.0, 60.0)
@@ -21,6 +21,16 @@ def test_what_holds_a_point_in_view_is_within_it(low, size, azimuth, pitch, insi
     u, v, depth = view.project(low + np.abs(size) * np.array(inside))
     shows = depth > 0.0 and -160 <= u <= 160 and -120 <= v <= 120
     assert within_view(box, view)[0] or not shows
+
+
+@given(st.lists(st.tuples(point, point), min_size=1, max_size=9), st.floats(-math.pi, math.pi), st.floats(-1.2, 1.2))
+def test_boxes_are_within_a_view_where_their_corners_are(boxes, azimuth, pitch):
+    view = view_towards(np.array([1.3, -2.1, 1.7]), azimuth, pitch, focal=277.0, window=WINDOW)
+    found = np.array([[low, low + np.abs(size)] for low, size in boxes])
+    hair = 1e-9 * np.array([[-1.0], [1.0]])  # a box may just touch a side: rounding decides
+    smaller, larger = (within_view(box_corners(*np.moveaxis(found + by, 1, 0)), view) for by in (-hair, hair))
+    shows = boxes_within_view(found, view)
+    assert (shows >= smaller).all() and (shows <= larger).all()
 
 
 def test_boxes_beside_behind_above_and_below_are_left_out():

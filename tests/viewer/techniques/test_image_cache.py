@@ -235,8 +235,9 @@ def test_another_display_has_images_of_its_own(scene):
     view = look(scene, *VIEWS[0])
     technique.plan(view, now=0.0, budget=BUDGET)
     left, top, width, height = view.window
-    larger = view_towards(view.eye, 0.0, 0.0, focal=2.0 * view.focal, window=(2 * left, 2 * top, 2 * width, 2 * height))
-    plan = technique.plan(larger, now=0.0, budget=BUDGET)
+    window = (left // 2, top // 2, width // 2, height // 2)
+    smaller = view_towards(view.eye, 0.0, 0.0, focal=0.5 * view.focal, window=window)
+    plan = technique.plan(smaller, now=0.0, budget=BUDGET)
     assert plan.requests
     assert plan.drops
     assert technique.latest.kept_px == 0.0
