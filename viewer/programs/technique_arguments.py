@@ -118,7 +118,7 @@ def add_cache_arguments(parser: argparse.ArgumentParser) -> None:
         dest="bytes",
         type=int,
         metavar="N",
-        help="bytes that all images may take together; the least recently shown give way (default: 268435456)",
+        help="bytes that all images may take together; the least recently shown give way (default: 536870912)",
     )
     group.add_argument(
         "--eager",
