@@ -7,7 +7,8 @@ declares the view (``eye_from_world``, ``eye``, ``projection``, ``clip``), ``pro
                 surface is displaced (-1 where geometry, ground or sky shows); images that stay on the GPU are captured with it
     COVERAGE    for multisampling: silhouettes of layers become coverage of samples
     LINES       edges of meshes are drawn (``viewer.drawing.kinds.lines``), for which the head has ``project_line``
-    TINTED      the picture is mixed with an ink (``viewer.drawing.style``), for which the head has ``tinted``
+    TINTED      the picture is mixed with an ink (``viewer.drawing.style``), for which the head has ``tinted``; programs that
+                draw with an ink and without are :class:`InkedProgram`, which have it as their uniform ``ink``
 
 Programs may be made at any time, between draws as well: what is looked through counts for them too.
 """
@@ -23,8 +24,19 @@ import moderngl
 import numpy as np
 
 from mmi.foundation.camera import View
+from viewer.drawing.style import Ink
 
-__all__ = ["FAR", "MODES", "NEAR", "SCREEN_VERTEX", "Program", "Programs"]
+__all__ = [
+    "FAR",
+    "MODES",
+    "NEAR",
+    "SCREEN_VERTEX",
+    "InkedArrays",
+    "InkedProgram",
+    "Program",
+    "Programs",
+    "ink_bytes",
+]
 
 MODES = (False, True)
 """Kinds of pictures: those that are not measured, and those that are."""
@@ -163,3 +175,55 @@ class Programs:
         self._told[measured] = values
         for program in self._made[measured]:
             program.set(values)
+
+
+class InkedProgram:
+    """A program that draws with an ink (``TINTED``) and without, compiled when first needed so."""
+
+    def __init__(self, programs: Programs, vertex: str, fragment: str) -> None:
+        self.context = programs.context
+        self._programs, self._shaders = programs, (vertex, fragment)
+        self._made: dict[bool, Mapping[bool, Program]] = {}
+
+    def ready(self, ink: Ink | None, *, measured: bool) -> Program:
+        """The program for pictures that are measured or not, which has been told its ink."""
+        tinted = ink is not None
+        if tinted not in self._made:
+            self._made[tinted] = self._programs.make(*self._shaders, flags=("TINTED",) if tinted else ())
+        if ink is not None:
+            self._made[tinted][measured].set({"ink": ink_bytes(ink)})
+        return self._made[tinted][measured]
+
+
+class InkedArrays:
+    """Vertex arrays for all that an :class:`InkedProgram` may be, of the same buffers.
+
+    ``layout`` has a buffer, its format and the attributes in it, for each buffer; one is passed over where the compiled
+    program uses none of its attributes.
+    """
+
+    def __init__(self, program: InkedProgram, layout: Sequence[tuple[Any, ...]]) -> None:
+        self._program, self._layout = program, layout
+        self._arrays: dict[tuple[bool, bool], Any] = {}
+
+    def ready(self, ink: Ink | None, *, measured: bool, told: Mapping[str, bytes] | None = None) -> Any:  # noqa: ANN401
+        """The vertex array of the program for such pictures, which has been told its ink and the uniforms ``told``."""
+        program = self._program.ready(ink, measured=measured)
+        program.set(told or {})
+        which = ink is not None, measured
+        if which not in self._arrays:
+            made = program.program
+            used = [(buffer, *rest) for buffer, *rest in self._layout if any(name in made for name in rest[1:])]
+            self._arrays[which] = self._program.context.vertex_array(made, used)
+        return self._arrays[which]
+
+    def release(self) -> None:
+        """Free the arrays; buffers are those of who made them."""
+        for array in self._arrays.values():
+            array.release()
+        self._arrays.clear()
+
+
+def ink_bytes(ink: Ink) -> bytes:
+    """An ink as a uniform of four numbers from 0 to 1."""
+    return (np.array(ink) / 255.0).astype("<f4").tobytes()

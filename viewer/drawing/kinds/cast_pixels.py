@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.foundation.kernels import kernel
-from viewer.drawing.kinds.lines import ink_bytes
-from viewer.drawing.programs import Program, Programs
+from viewer.drawing.programs import InkedArrays, InkedProgram, Programs
 from viewer.drawing.style import Ink
 
 __all__ = ["CastPixelsDrawer"]
@@ -70,13 +69,13 @@ class CastPixelsDrawer:
     """Draws :class:`viewer.computed.CastPixels` with ``texture``, the city's."""
 
     def __init__(self, programs: Programs, texture: Any) -> None:  # noqa: ANN401
-        self._context, self._texture, self._make = programs.context, texture, programs.make
-        self._programs = {False: programs.make(_NUMBERS + _VERTEX, _NUMBERS + _FRAGMENT)}
+        self._context, self._texture = programs.context, texture
+        self._program = InkedProgram(programs, _NUMBERS + _VERTEX, _NUMBERS + _FRAGMENT)
         self._rows = 0
         self._textures: tuple[Any, Any] = (None, None)
         self._kept = np.empty((0, 4), dtype=np.float32), np.empty((0, 2), dtype=np.int32)
         self._tiles: Any = None
-        self._arrays: dict[tuple[bool, bool], Any] = {}
+        self._arrays = InkedArrays(self._program, ())
 
     def draw(
         self, samples: NDArray[np.void], size: tuple[int, int], *, measured: bool, ink: Ink | None = None
@@ -100,33 +99,18 @@ class CastPixelsDrawer:
         tiles = np.empty((count, 2), dtype="<u2")
         tiles[slots[used]] = np.column_stack([used % columns, used // columns])
         self._tiles.write(tiles)
-        told = {"size": np.array(size, dtype="<f4").tobytes()}
-        if ink is not None:
-            told["ink"] = ink_bytes(ink)
-        self._program(ink is not None, measured).set(told)
         self._texture.use(0)
-        self._array(ink is not None, measured).render(moderngl.TRIANGLE_STRIP, vertices=4, instances=count)
+        array = self._arrays.ready(ink, measured=measured, told={"size": np.array(size, dtype="<f4").tobytes()})
+        array.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=count)
         return [2 * count]
-
-    def _program(self, tinted: bool, measured: bool) -> Program:
-        if tinted not in self._programs:
-            self._programs[tinted] = self._make(_NUMBERS + _VERTEX, _NUMBERS + _FRAGMENT, flags=("TINTED",))
-        return self._programs[tinted][measured]
-
-    def _array(self, tinted: bool, measured: bool) -> Any:  # noqa: ANN401
-        if (tinted, measured) not in self._arrays:
-            program = self._program(tinted, measured).program
-            self._arrays[tinted, measured] = self._context.vertex_array(program, [(self._tiles, "2u2/i", "tile")])
-        return self._arrays[tinted, measured]
 
     def _make_room(self, rows: int) -> None:
         """Have room for so many rows of tiles."""
         if self._rows >= rows:
             return
         if self._rows:
-            for thing in (*self._arrays.values(), *self._textures, self._tiles):
+            for thing in (self._arrays, *self._textures, self._tiles):
                 thing.release()
-        self._arrays.clear()
         self._rows = 1 << max(rows - 1, 15).bit_length()
         size = (_ACROSS * _TILE * _TILE, self._rows)
         self._textures = self._context.texture(size, 4, dtype="f4"), self._context.texture(size, 2, dtype="i4")
@@ -135,6 +119,7 @@ class CastPixelsDrawer:
         count = size[0] * size[1]
         self._kept = np.empty((count, 4), dtype=np.float32), np.empty((count, 2), dtype=np.int32)
         self._tiles = self._context.buffer(reserve=4 * self._rows * _ACROSS, dynamic=True)
+        self._arrays = InkedArrays(self._program, [(self._tiles, "2u2/i", "tile")])
 
 
 @kernel(error_model="numpy", nogil=True)

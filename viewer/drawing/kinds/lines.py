@@ -11,13 +11,12 @@ from contextlib import contextmanager
 from typing import Any
 
 import moderngl
-import numpy as np
 
-from viewer.drawing.programs import MODES, SCREEN_VERTEX, Program, Programs
+from viewer.drawing.programs import MODES, SCREEN_VERTEX, Program, Programs, ink_bytes
 from viewer.drawing.style import Ink
 from viewer.drawing.targets import Targets
 
-__all__ = ["LINES", "LineProgram", "ink_bytes"]
+__all__ = ["LINES", "LineProgram"]
 
 _Vertices = tuple[Any, str]
 LINES = "LINES"
@@ -89,8 +88,3 @@ class LineProgram:
         array = self._programs.context.vertex_array(program.program, layout, indices)
         array.render()
         array.release()
-
-
-def ink_bytes(ink: Ink) -> bytes:
-    """An ink as a uniform of four numbers from 0 to 1."""
-    return (np.array(ink) / 255.0).astype("<f4").tobytes()

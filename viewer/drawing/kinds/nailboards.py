@@ -8,7 +8,6 @@ with each other and with all else, as if they were what they show.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import moderngl
@@ -17,8 +16,7 @@ from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 from viewer.drawing.images import Images
-from viewer.drawing.kinds.lines import ink_bytes
-from viewer.drawing.programs import MODES, Program, Programs
+from viewer.drawing.programs import InkedArrays, InkedProgram, Programs
 from viewer.drawing.style import Ink
 from viewer.plan import Nailboards
 
@@ -95,10 +93,9 @@ class NailboardsDrawer:
 
     def __init__(self, programs: Programs, images: Images) -> None:
         self._context, self._images, self._covering = programs.context, images, programs.covering
-        self._make = programs.make
-        self._programs: dict[bool, Mapping[bool, Program]] = {}
+        self._program = InkedProgram(programs, _VERTEX, _FRAGMENT)
         self._boards: Any = None
-        self._arrays: dict[tuple[bool, bool], Any] = {}
+        self._arrays = InkedArrays(self._program, ())
 
     def draw(self, draw: Nailboards, view: View, *, measured: bool, inks: tuple[Ink, Ink] | None = None) -> list[int]:
         """Draw all boards of an image with one call, or with ``inks`` those that are fresh and the others, tinted.
@@ -121,32 +118,18 @@ class NailboardsDrawer:
         if not len(rows):
             return []
         if self._boards is None or self._boards.size < rows.nbytes:
-            for thing in (*self._arrays.values(), *([] if self._boards is None else [self._boards])):
-                thing.release()
-            self._arrays.clear()
+            self._arrays.release()
+            if self._boards is not None:
+                self._boards.release()
             self._boards = self._context.buffer(reserve=2 * rows.nbytes, dynamic=True)
+            layout = (self._boards, "4f 4f 4f 4f 4f/i", "x", "y", "z", "seen", "part")
+            self._arrays = InkedArrays(self._program, [layout])
         self._boards.orphan()
         self._boards.write(rows)
-        tinted = ink is not None
-        array = self._array(tinted, measured)
-        if ink is not None:
-            self._programs[tinted][measured].set({"ink": ink_bytes(ink)})
+        array = self._arrays.ready(ink, measured=measured)
         with self._covering(measured=measured):
             array.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(rows))
         return [2 * len(rows)]
-
-    def _array(self, tinted: bool, measured: bool) -> Any:  # noqa: ANN401
-        if tinted not in self._programs:
-            self._programs[tinted] = self._make(_VERTEX, _FRAGMENT, flags=("TINTED",) if tinted else ())
-        if (tinted, measured) not in self._arrays:
-            layout = (self._boards, "4f 4f 4f 4f 4f/i", "x", "y", "z", "seen", "part")
-            self._arrays.update(
-                {
-                    (tinted, mode): self._context.vertex_array(self._programs[tinted][mode].program, [layout])
-                    for mode in MODES
-                }
-            )
-        return self._arrays[tinted, measured]
 
 
 def _rows(draw: Nailboards, view: View) -> NDArray[np.float32]:

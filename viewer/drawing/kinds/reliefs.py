@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 from viewer.drawing.images import Images
-from viewer.drawing.kinds.lines import LINES, ink_bytes
-from viewer.drawing.programs import MODES, Program, Programs
+from viewer.drawing.kinds.lines import LINES
+from viewer.drawing.programs import MODES, Program, Programs, ink_bytes
 from viewer.drawing.style import Ink
 from viewer.plan import RELIEF_QUAD, Relief, ReliefPart
 

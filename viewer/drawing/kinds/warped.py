@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viewer.computed import WarpedPicture
-from viewer.drawing.kinds.lines import ink_bytes
-from viewer.drawing.programs import SCREEN_VERTEX, Program, Programs
+from viewer.drawing.programs import SCREEN_VERTEX, InkedArrays, InkedProgram, Programs
 from viewer.drawing.style import Ink
 
 __all__ = ["WarpedDrawer"]
@@ -43,9 +42,8 @@ class WarpedDrawer:
     """Draws :class:`viewer.computed.WarpedPicture`: a triangle over the whole picture."""
 
     def __init__(self, programs: Programs) -> None:
-        self._context, self._make = programs.context, programs.make
-        self._programs = {False: programs.make(SCREEN_VERTEX, _FRAGMENT)}
-        self._arrays: dict[tuple[bool, bool], Any] = {}
+        self._context = programs.context
+        self._arrays = InkedArrays(InkedProgram(programs, SCREEN_VERTEX, _FRAGMENT), ())
         self._textures: tuple[Any, ...] = ()
 
     def draw(self, draw: WarpedPicture, *, measured: bool, ink: Ink | None = None) -> list[int]:
@@ -57,22 +55,8 @@ class WarpedDrawer:
         for unit, (texture, values) in enumerate(zip(self._textures, pictures, strict=True)):
             texture.write(np.ascontiguousarray(values))
             texture.use(unit)
-        tinted = ink is not None
-        if ink is not None:
-            self._program(tinted, measured).set({"ink": ink_bytes(ink)})
-        self._array(tinted, measured).render(moderngl.TRIANGLES, vertices=3)
+        self._arrays.ready(ink, measured=measured).render(moderngl.TRIANGLES, vertices=3)
         return [1]
-
-    def _program(self, tinted: bool, measured: bool) -> Program:
-        if tinted not in self._programs:
-            self._programs[tinted] = self._make(SCREEN_VERTEX, _FRAGMENT, flags=("TINTED",))
-        return self._programs[tinted][measured]
-
-    def _array(self, tinted: bool, measured: bool) -> Any:  # noqa: ANN401
-        if (tinted, measured) not in self._arrays:
-            program = self._program(tinted, measured).program
-            self._arrays[tinted, measured] = self._context.vertex_array(program, [])
-        return self._arrays[tinted, measured]
 
     def _make_room(self, width: int, height: int) -> None:
         for texture in self._textures:
