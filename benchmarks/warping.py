@@ -7,6 +7,8 @@ farther from the point than an eighth of the model's largest side and wholly wit
 and 9 viewpoints, nine both as in figure 11 and all ahead, and warped to random eyes in the pyramid ahead of the point, as far
 as to the subset's nearest box, turned by up to 15 degrees. Holes are pixels that show nothing where the geometry does, wrong
 ones show another object; ``beyond`` leaves out what is off by a pixel. Times are ratios of one run: single against two threads.
+
+A second table has both warps of ``--warp`` side by side, for images of the last row: the same eyes, and times of whole frames.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ from citygen.presets import PRESETS
 from mmi.foundation.camera import Camera, View, view_towards
 from mmi.foundation.thickness import thickness
 from mmi.reading.read_city import read_city
+from viewer.computed import WarpedPicture, WarpedSamples
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.renderer import Renderer
 from viewer.layered.image_codec import decoded, encoded
@@ -38,7 +41,7 @@ from viewer.layered.merging import merged
 from viewer.layered.viewpoints import Arrangement, construction_views
 from viewer.layered.warping import warped
 from viewer.measuring.view_errors import beyond_resampling, flip_map, wrong_regions
-from viewer.plan import Faces, Plan, Sky
+from viewer.plan import Draw, Faces, Plan, Sky
 from viewer.scene.frustum import box_corners
 from viewer.scene.scene import WalkScene, scene_of_city
 
@@ -131,6 +134,64 @@ def warp_all(image: LayeredImage, eyes: list[View], threads: int) -> None:
         warped(image, eye, threads=threads)
 
 
+def picture_draw(image: LayeredImage, view: View) -> WarpedPicture:
+    """What ``--warp software`` draws, by a thread."""
+    found = warped(image, view)
+    return WarpedPicture(found.color, found.depth, found.ids)
+
+
+def samples_draw(image: LayeredImage, _: View) -> WarpedSamples:
+    """What ``--warp points`` draws."""
+    return WarpedSamples(
+        f"{id(image)}",
+        image.view,
+        image.starts,
+        image.depths,
+        image.slopes,
+        image.reaches,
+        image.colors,
+        image.ids,
+    )
+
+
+def side_by_side(
+    renderer: Renderer, image: LayeredImage, eyes: list[View], truths: list[DrawnPicture], name: str
+) -> list[dict[str, Any]]:
+    """A row for each warp: what it shows, and the mean milliseconds of a frame with nothing else but the sky."""
+
+    def frame(make: Callable[[LayeredImage, View], Draw], eye: View) -> None:
+        renderer.draw(Plan((make(image, eye), Sky())), eye, read=False)
+
+    renderer.resize((CAMERA.width, CAMERA.height))
+    rows: list[dict[str, Any]] = []
+    for warp, make in (("software", picture_draw), ("points", samples_draw)):
+        found = [renderer.draw(Plan((make(image, eye), Sky())), eye, measured=True) for eye in eyes]
+        shown = [before_grey(one.color, one.object_ids) for one in found]
+        took = [seconds(partial(frame, make, eye)) for eye in eyes]
+        rows.append(
+            {"place": name, "warp": warp, "samples": len(image.depths), "ms": 1e3 * float(np.mean(took))}
+            | errors_of(truths, shown)
+        )
+        rows[-1]["ratio"] = rows[-1]["ms"] / rows[0]["ms"]
+    return rows
+
+
+def errors_of(truths: list[DrawnPicture], shown: list[DrawnPicture]) -> dict[str, float]:
+    """Means over some pictures, and how thick what is wrong is."""
+    regions = [wrong_regions(*pair) for pair in zip(truths, shown, strict=True)]
+    beyond = [beyond_resampling(*pair) for pair in zip(truths, shown, strict=True)]
+    thick = [thickness(one.wrong) for one in beyond]
+    return {
+        "holes": float(np.mean([one.holes.mean() for one in regions])),
+        "wrong": float(np.mean([one.wrong.mean() for one in regions])),
+        "beyond": float(np.mean([one.wrong.mean() for one in beyond])),
+        "thickest": float(max(thick)),
+        "thick_p50": float(np.median(thick)),
+        "worst": float(np.argmax(thick)),
+        "flip": float(np.mean([flip_map(a.color, b.color).mean() for a, b in zip(truths, shown, strict=True)])),
+    }
+
+
 def before_grey(color: NDArray[np.uint8], ids: NDArray[np.int32] | None) -> DrawnPicture:
     """A picture without what is behind it, so that only objects count."""
     assert ids is not None
@@ -140,9 +201,9 @@ def before_grey(color: NDArray[np.uint8], ids: NDArray[np.int32] | None) -> Draw
 
 def measured(
     scene: WalkScene, subset: Subset, radius: float, options: argparse.Namespace, name: str
-) -> list[dict[str, Any]]:
-    """A row for each number of pictures."""
-    rng, rows = np.random.default_rng(options.seed), []
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """A row for each number of pictures, and one for each warp."""
+    rng, rows, both = np.random.default_rng(options.seed), [], list[dict[str, Any]]()
     with Renderer(scene.mesh, scene.ground, size=(CAMERA.width, CAMERA.height), measured=True) as renderer:
         camera = Camcorder(renderer, subset)
         eyes = eyes_of(subset, radius, options.eyes, rng)
@@ -157,11 +218,8 @@ def measured(
             kept = decoded(data, name)
             found = [warped(kept, eye) for eye in eyes]
             shown = [before_grey(one.color, one.ids) for one in found]
-            regions = [wrong_regions(*pair) for pair in zip(truths, shown, strict=True)]
-            beyond = [beyond_resampling(*pair) for pair in zip(truths, shown, strict=True)]
-            flips = [flip_map(a.color, b.color).mean() for a, b in zip(truths, shown, strict=True)]
-            thick = [thickness(one.wrong) for one in beyond]
-            worst = int(np.argmax(thick))
+            errors = errors_of(truths, shown)
+            worst = int(errors["worst"])
             pair = np.concatenate([truths[worst].color, shown[worst].color], axis=1)
             options.out.mkdir(parents=True, exist_ok=True)
             Image.fromarray(pair).save(options.out / f"{name}-{count}-{arrangement.replace(' ', '')}.png")
@@ -173,12 +231,7 @@ def measured(
                     "samples": len(image.depths),
                     "layers": len(image.depths) / max(int((image.counts > 0).sum()), 1),
                     "bytes": len(data),
-                    "holes": float(np.mean([one.holes.mean() for one in regions])),
-                    "wrong": float(np.mean([one.wrong.mean() for one in regions])),
-                    "beyond": float(np.mean([one.wrong.mean() for one in beyond])),
-                    "thickest": max(thick),
-                    "thick_p50": float(np.median(thick)),
-                    "flip": float(np.mean(flips)),
+                    **errors,
                     "warps": 1.0 / two,
                     "threads": one / two,
                     "merging": seconds(partial(merged, pictures, radius=radius), 1),
@@ -186,7 +239,8 @@ def measured(
                 }
             )
             print_row(rows[-1], rows[0])
-    return rows
+        both = side_by_side(renderer, kept, eyes, truths, name)
+    return rows, both
 
 
 def print_row(row: dict[str, Any], first: dict[str, Any]) -> None:
@@ -210,7 +264,7 @@ def main() -> None:
     parser.add_argument("--eyes", type=int, default=12)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    rows = []
+    rows, both = [], []
     print(
         "| place | pictures | samples | a pixel | MB | holes | to one | wrong | beyond | thickest px | p50 | FLIP | warps/s | "
         "to one thread | merging s | decoding ms |"
@@ -228,10 +282,20 @@ def main() -> None:
             subset = far_subset(scene, eye, azimuth, radius)
             if len(subset.triangles) >= _LEAST:
                 found += 1
-                rows += measured(scene, subset, radius, options, f"{Path(model).name.split('.')[0]}-{found}")
+                some = measured(scene, subset, radius, options, f"{Path(model).name.split('.')[0]}-{found}")
+                rows, both = rows + some[0], both + some[1]
         if found < options.places:
             print(f"{model}: {options.places} places with {_LEAST} triangles expected, found {found}", file=sys.stderr)
-    (options.out / "warping.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    print("\n| place | warp | samples | holes | wrong | beyond | thickest px | p50 | FLIP | ms a frame | to software |")
+    print("|" + "---|" * 11)
+    for row in both:
+        print(
+            f"| {row['place']} | {row['warp']} | {row['samples']:,} | {row['holes']:.2%} | {row['wrong']:.2%} | "
+            f"{row['beyond']:.2%} | {row['thickest']:.0f} | {row['thick_p50']:.0f} | {row['flip']:.3f} | {row['ms']:.1f} | "
+            f"{row['ratio']:.1f} |"
+        )
+    told = json.dumps({"pictures": rows, "warps": both}, indent=1) + "\n"
+    (options.out / "warping.json").write_text(told, encoding="utf-8")
 
 
 if __name__ == "__main__":

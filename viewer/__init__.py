@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from viewer.caching.rules import CacheRules
     from viewer.casting.rules import CastRules
     from viewer.cells.scene_cache import cell_cache
-    from viewer.computed import CAST_PIXEL, CastPixels, WarpedPicture
+    from viewer.computed import CAST_PIXEL, CastPixels, WarpedPicture, WarpedSamples
     from viewer.drawing.renderer import Renderer
     from viewer.plan import (
         Budget,
@@ -89,6 +89,7 @@ __all__ = [
     "Walk",
     "WalkScene",
     "WarpedPicture",
+    "WarpedSamples",
     "Work",
     "calibrated",
     "cell_cache",
@@ -111,7 +112,7 @@ _HOMES = MappingProxyType(
         "viewer.casting.rules": ("CastRules",),
         "viewer.cells.scene_cache": ("cell_cache",),
         "viewer.drawing.renderer": ("Renderer",),
-        "viewer.computed": ("CAST_PIXEL", "CastPixels", "WarpedPicture"),
+        "viewer.computed": ("CAST_PIXEL", "CastPixels", "WarpedPicture", "WarpedSamples"),
         "viewer.plan": (
             "Budget",
             "CellKey",

@@ -1,4 +1,7 @@
-"""Draws whose pixels a technique has computed itself, single ones or a picture. They hide all else, and it them, by depth."""
+"""Draws whose surfaces a technique knows pixel by pixel: single pixels, pictures, samples of images that are yet to be warped.
+
+They hide all else, and it them, by depth.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["CAST_PIXEL", "CastPixels", "WarpedPicture"]
+from mmi.foundation.camera import View
+
+__all__ = ["CAST_PIXEL", "CastPixels", "WarpedPicture", "WarpedSamples"]
 
 CAST_PIXEL = np.dtype(
     [
@@ -47,4 +52,23 @@ class WarpedPicture:
 
     color: NDArray[np.uint8]
     depth: NDArray[np.float32]
+    objects: NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WarpedSamples:
+    """All samples of a layered image of ``view``, which the renderer moves to where they are in what it draws.
+
+    ``key`` names the image: the same key means the same samples, and they are kept for it. What they are is said at
+    :class:`viewer.layered.layered_image.LayeredImage`: ``starts`` (pixels + 1,), and of m samples ``depths`` (m,), ``slopes``
+    (m, 2), ``reaches`` (m, 4), ``colors`` (m, 3) and ``objects`` (m,).
+    """
+
+    key: str
+    view: View
+    starts: NDArray[np.int32]
+    depths: NDArray[np.float32]
+    slopes: NDArray[np.float32]
+    reaches: NDArray[np.uint8]
+    colors: NDArray[np.uint8]
     objects: NDArray[np.int32]

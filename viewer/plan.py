@@ -3,8 +3,8 @@
     Technique.plan(view, now, budget) -> Plan
     Plan    = what must be in memory, what to capture into images first, what to draw then, perhaps over what was drawn before
     Request = draws into an image that stays on the GPU under its key; orders: all are executed, in order, before any draw
-    Draw    = Sky | Ground | Objects | Faces | CellLayers | Relief | Nailboards | Moving | CastPixels | WarpedPicture
-              (closed; ``viewer.drawing.renderer``; the last two are of ``viewer.computed``)
+    Draw    = Sky | Ground | Objects | Faces | CellLayers | Relief | Nailboards | Moving | CastPixels | WarpedPicture |
+              WarpedSamples (closed; ``viewer.drawing.renderer``; the last three are of ``viewer.computed``)
     finish  = what a plan does once it knows the depths of what was drawn: it returns further draws
 
 Techniques, walks and the choice of what to load and to capture are plain Python and run without OpenGL. A technique knows
@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
-from viewer.computed import CastPixels, WarpedPicture
+from viewer.computed import CastPixels, WarpedPicture, WarpedSamples
 
 __all__ = [
     "RELIEF_QUAD",
@@ -201,7 +201,19 @@ class Moving:
     poses: NDArray[np.float64]
 
 
-Draw = Sky | Ground | Objects | Faces | CellLayers | Relief | Nailboards | Moving | CastPixels | WarpedPicture
+Draw = (
+    Sky
+    | Ground
+    | Objects
+    | Faces
+    | CellLayers
+    | Relief
+    | Nailboards
+    | Moving
+    | CastPixels
+    | WarpedPicture
+    | WarpedSamples
+)
 """What a plan is made of: a closed union, of which the renderer draws each kind."""
 
 
@@ -377,6 +389,8 @@ def _told_draw(draw: Draw) -> object:
             return "cast", draw.samples.tobytes()
         case WarpedPicture():
             return "warped", draw.color.tobytes(), draw.depth.tobytes()
+        case WarpedSamples():
+            return "samples", draw.key
         case Moving():
             return "moving", draw.which.tobytes(), draw.poses.tobytes()
         case _:

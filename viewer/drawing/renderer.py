@@ -21,7 +21,7 @@ from mmi.foundation.camera import View
 from mmi.foundation.errors import CaptureError
 from mmi.movers.movers import NOTHING_MOVES, Movers
 from viewer.cells.loaded_cell import LoadedCell, LoadedLayer
-from viewer.computed import CastPixels, WarpedPicture
+from viewer.computed import CastPixels, WarpedPicture, WarpedSamples
 from viewer.drawing.drawn_picture import DrawnPicture
 from viewer.drawing.fade import Fade
 from viewer.drawing.images import CapturedPixels, Images
@@ -36,6 +36,7 @@ from viewer.drawing.kinds.objects import ObjectsDrawer
 from viewer.drawing.kinds.reliefs import ReliefsDrawer
 from viewer.drawing.kinds.sky import SkyDrawer
 from viewer.drawing.kinds.warped import WarpedDrawer
+from viewer.drawing.kinds.warped_samples import WarpedSamplesDrawer
 from viewer.drawing.opengl import finisher, is_software, open_context
 from viewer.drawing.programs import Programs
 from viewer.drawing.style import CAPTURED, CAPTURED_LINES, PLAIN, REUSED, REUSED_LINES, Style, fresh_parts, narrowed
@@ -133,6 +134,7 @@ class Renderer:
         self._nailboards = NailboardsDrawer(self._programs, self._images)
         self._cast = CastPixelsDrawer(self._programs, self._objects.texture)
         self._warped = WarpedDrawer(self._programs)
+        self._samples = WarpedSamplesDrawer(self._programs)
         self._moving = MovingDrawer(
             self._programs, NOTHING_MOVES if movers is None else movers, first=len(mesh.triangle_counts)
         )
@@ -374,6 +376,8 @@ class Renderer:
                 ]
             case WarpedPicture():
                 return self._warped.draw(draw, measured=measured, ink=REUSED if style.tint else None)
+            case WarpedSamples():
+                return self._samples.draw(draw, view, measured=measured, ink=REUSED if style.tint else None)
             case _:
                 assert_never(draw)
 

@@ -23,12 +23,12 @@ from mmi.foundation.camera import View
 from mmi.foundation.kernels import kernel
 from viewer.layered.layered_image import HALF, NOTHING, LayeredImage
 
-__all__ = ["REACH", "Warped", "between", "covered", "warped"]
+__all__ = ["MEET", "REACH", "Warped", "between", "covered", "warped"]
 
-REACH = 0.52
-"""Pixels that patches reach to each side of their centres at most: half a pixel, and ``_MEET``."""
-_MEET = 0.02
+MEET = 0.02
 """Pixels that patches reach farther than they should, so that neighbours meet in spite of rounding."""
+REACH = 0.5 + MEET
+"""Pixels that patches reach to each side of their centres at most."""
 _FLAT = 1.0 / 64.0
 """A patch whose distance varies by at most this share to each side looks like a parallelogram."""
 _FAR = 1e9
@@ -215,8 +215,8 @@ def _paint(
                 x0, x1, y0, y1 = covered(h, a, b, 0, right, top, bottom)
                 if x0 >= x1 or y0 >= y1:
                     continue
-                left_reach, right_reach = 0.5 / HALF * reaches[k, 0] + _MEET, 0.5 / HALF * reaches[k, 1] + _MEET
-                up_reach, down_reach = 0.5 / HALF * reaches[k, 2] + _MEET, 0.5 / HALF * reaches[k, 3] + _MEET
+                left_reach, right_reach = 0.5 / HALF * reaches[k, 0] + MEET, 0.5 / HALF * reaches[k, 1] + MEET
+                up_reach, down_reach = 0.5 / HALF * reaches[k, 2] + MEET, 0.5 / HALF * reaches[k, 3] + MEET
                 for y in range(y0, y1):
                     yc = y + 0.5
                     a1, b1, h1 = a[1] - yc * a[2], b[1] - yc * b[2], yc * h[2] - h[1]

@@ -21,13 +21,14 @@ __all__ = [
     "add_cache_arguments",
     "add_cast_arguments",
     "add_placed_arguments",
+    "add_warp_argument",
     "cache_rules",
     "cast_rules",
     "placed_rules",
 ]
 
 _CAST, _CACHE, _PLACED = "ray-cast", "image-cache", "placed-images"
-_PLACED_OPTIONS = MappingProxyType({"folder": "placed"})
+_PLACED_OPTIONS = MappingProxyType({"folder": "placed", "warp": "warp"})
 _OPTIONS = MappingProxyType(
     {"near_field": "near-field", "limit_px": "reuse-error", "reuse": "reuse", "rays": "rays", "caster": "caster"}
 )
@@ -147,17 +148,27 @@ def add_placed_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--placed", dest="folder", type=path_option, metavar="DIR", help="what place-images wrote for the same model"
     )
+    add_warp_argument(group)
+
+
+def add_warp_argument(parser: argparse._ActionsContainer) -> None:
+    """The option that says what warps placed images."""
+    parser.add_argument(
+        "--warp",
+        choices=("software", "points"),
+        help="what warps placed images: the processor (default), or the renderer, as points with depth",
+    )
 
 
 def placed_rules(options: argparse.Namespace, techniques: Collection[str]) -> PlacedRules:
     """The rules that the options say.
 
-    Raises ParameterError for a folder where none of ``techniques`` shows it, and for none where one would.
+    Raises ParameterError for some where none of ``techniques`` shows images, and for no folder where one would.
     """
     from viewer.placed.rules import PlacedRules
 
     given = _given(options, _PLACED_OPTIONS, _PLACED, techniques)
-    if not given and _PLACED in techniques:
+    if "folder" not in given and _PLACED in techniques:
         raise ParameterError(f"--placed: a folder that place-images wrote expected for {_PLACED}, found none")
     return PlacedRules(**given, threads=max(1, usable_cores() // 2))
 

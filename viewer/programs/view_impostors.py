@@ -15,6 +15,7 @@ from typing import NoReturn
 
 from mmi.foundation.errors import ParameterError
 from mmi.programs.command_line import Parser, names_option, path_option, run_program
+from viewer.programs.technique_arguments import add_warp_argument
 
 __all__ = ["view_impostors"]
 
@@ -55,6 +56,7 @@ def view_impostors(arguments: Sequence[str] | None = None) -> NoReturn:
         metavar="DIR",
         help="what place-images wrote for the dataset: offers placed-images",
     )
+    add_warp_argument(parser)
     parser.add_argument("--cache", type=float, default=512.0, metavar="MB", help="memory for cells (default: 512)")
     server = parser.add_argument_group("the page")
     server.add_argument(
@@ -99,7 +101,9 @@ def _view(options: argparse.Namespace) -> None:
         chosen = ServerOptions(host=options.host, port=options.port, token=options.token)
     except ParameterError as error:
         raise ParameterError(f"--{error}") from None
-    wanted = StudioOptions(cache=round(1e6 * options.cache), placed=options.placed)
+    if options.warp is not None and options.placed is None:
+        raise ParameterError("--warp: a folder that place-images wrote (--placed) expected, found none")
+    wanted = StudioOptions(cache=round(1e6 * options.cache), placed=options.placed, warp=options.warp or "software")
     if options.techniques is not None:
         left, right = options.techniques[0], options.techniques[-1]
         wanted = replace(wanted, techniques=tuple(options.techniques), look=Look(left=left, right=right))

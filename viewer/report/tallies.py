@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from viewer.caching.rules import CacheRules
 from viewer.casting.frame import CastTally
 from viewer.casting.rules import CastRules
+from viewer.placed.rules import PlacedRules
 from viewer.plan import Technique
 from viewer.scene.scene import WalkScene
 from viewer.techniques.catalogue import TechniqueRules
@@ -51,7 +52,7 @@ def tallied(tallies: Sequence[Tallies], scene: WalkScene, rules: TechniqueRules)
         "movers": _movers([one.movers for one in tallies if one.movers is not None]),
         "rays": _rays([one.rays for one in tallies if one.rays is not None], scene, rules.rays),
         "boxes": _boxes([one.boxes for one in tallies if one.boxes is not None], rules.images),
-        "placed": _placed([one.placed for one in tallies if one.placed is not None]),
+        "placed": _placed([one.placed for one in tallies if one.placed is not None], rules.placed),
     }
 
 
@@ -113,8 +114,8 @@ def _boxes(tallies: Sequence[CacheTally], rules: CacheRules) -> dict[str, Any] |
     }
 
 
-def _placed(tallies: Sequence[PlacedTally]) -> dict[str, Any] | None:
-    """What frames were over all ``tallies``, as shares of them, and the most triangles of one; None without placed images."""
+def _placed(tallies: Sequence[PlacedTally], rules: PlacedRules) -> dict[str, Any] | None:
+    """What frames were over all ``tallies``, as shares of them, the most triangles of one, what warped; None without any."""
     if not tallies:
         return None
     sum_ = PlacedTally()
@@ -122,6 +123,7 @@ def _placed(tallies: Sequence[PlacedTally]) -> dict[str, Any] | None:
         sum_ = sum_.plus(one)
     frames = max(sum_.frames, 1)
     return {
+        "warp": rules.warp,
         "budget": sum_.budget,
         "image_share": sum_.image / frames,
         "outside_share": sum_.outside / frames,

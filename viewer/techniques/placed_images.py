@@ -1,8 +1,9 @@
 """Placed images (Aliaga & Lastra 1999): what is near as geometry, the rest as a layered depth image, within a budget.
 
 In each frame (section 5, figure 12) the closest point of the grid behind the viewer is found, and its image for the direction
-of the view. The cells that the image replaces are left out, the other cells in view are drawn, and the image is warped to where
-the viewer is. A view of the same direction shows no more cells than it would from the point, so that the budget holds.
+of the view. The cells that the image replaces are left out, the other cells in view are drawn, and the image is warped, here or
+by the renderer, to where the viewer is. A view of the same direction shows no more cells than it would from the point, so that
+the budget holds.
 
 That is so for level views, or for those turned up or down by no more than the images were placed for, of the display that they
 were placed for or a smaller one, within the grid's domain. All other views are drawn as geometry, and counted apart.
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from mmi.foundation.camera import View
 from mmi.foundation.errors import ParameterError
-from viewer.computed import WarpedPicture
+from viewer.computed import WarpedPicture, WarpedSamples
 from viewer.layered.layered_image import LayeredImage
 from viewer.layered.warping import warped
 from viewer.placed.folder import PlacedFolder, open_placed
@@ -76,7 +77,7 @@ class PlacedImages:
         if path is None:
             raise ParameterError("placed: the folder of placed images expected, which place-images makes, found none")
         folder: PlacedFolder = scene.workshop.once(("placed images", path), lambda: open_placed(path))
-        self._scene, self._folder, self._threads, self._counting = scene, folder, rules.threads, counting
+        self._scene, self._folder, self._rules, self._counting = scene, folder, rules, counting
         solutions = folder.solutions
         found = scene.workshop.once("print of the model", lambda: print_of(scene.mesh))
         if found != solutions.model:
@@ -124,7 +125,7 @@ class PlacedImages:
             seen[solutions.images[number].placement.cells] = False
             if not self._counting:
                 image = self._images.get(number)
-                draws.append(_picture(image, view, self._threads))
+                draws.append(self._warped(number, image, view))
                 samples = len(image.depths)
         faces = self._of(np.flatnonzero(seen))
         if self._eye is not None and not self._counting:  # who has only just come may be gone at once
@@ -164,6 +165,22 @@ class PlacedImages:
             self._faces = told, Faces(key, self._cells.triangles_of(cells))
         return self._faces[1]
 
+    def _warped(self, number: int, image: LayeredImage, view: View) -> Draw:
+        """What draws an image as a view sees it."""
+        if self._rules.warp == "points":
+            return WarpedSamples(
+                f"{self._folder.key} {number}",
+                image.view,
+                image.starts,
+                image.depths,
+                image.slopes,
+                image.reaches,
+                image.colors,
+                image.ids,
+            )
+        found = warped(image, view, threads=self._rules.threads)
+        return WarpedPicture(found.color, found.depth, found.ids)
+
     def _around(self, eye: NDArray[np.float64]) -> list[int]:
         """The images of the points nearest to a viewer at ``eye`` (3,), near to far."""
         away = np.linalg.norm(self._points - eye, axis=1)
@@ -176,8 +193,3 @@ def _yaw(view: View) -> float:
     """Where a view looks to, radians from +X counter-clockwise; of one straight up or down, where its lower side is."""
     x, y, _ = -view.eye_from_world[2, :3]
     return math.atan2(y, x)
-
-
-def _picture(image: LayeredImage, view: View, threads: int) -> WarpedPicture:
-    found = warped(image, view, threads=threads)
-    return WarpedPicture(found.color, found.depth, found.ids)

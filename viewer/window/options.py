@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mmi.foundation.errors import MmiError, ParameterError
+from viewer.placed.rules import PlacedRules, Warp
 from viewer.techniques.catalogue import TECHNIQUES, find_technique
 from viewer.window.look import Look
 
@@ -31,7 +32,7 @@ class StudioOptions:
     ``techniques`` that may be compared; at most ``sessions`` are drawn at once. ``cache`` bytes for cells in memory,
     ``samples`` of multisampling, ``look`` what clients see at first. ``single_mesh`` is a dataset of the same city and
     parameters, one layer a view, for the technique of that name, and ``placed`` what ``place-images`` wrote for the
-    city. Films go into the folder ``films``, or one of their own that vanishes with the studio.
+    city, whose images ``warp`` moves. Films go into the folder ``films``, or one of their own that vanishes with the studio.
     """
 
     techniques: tuple[str, ...] = tuple(name for name in TECHNIQUES if name not in (SINGLE, PLACED))
@@ -41,11 +42,13 @@ class StudioOptions:
     look: Look = field(default_factory=Look)
     single_mesh: Path | None = None
     placed: Path | None = None
+    warp: Warp = "software"
     films: Path | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= self.sessions <= _MOST_SESSIONS:
             raise ParameterError(f"sessions: 1 to {_MOST_SESSIONS} expected, found {self.sessions!r}")
+        PlacedRules(self.placed, warp=self.warp)
         if not self.techniques:
             raise ParameterError("techniques: one or more expected, found none")
         names = [find_technique(name).name for name in self.techniques]

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from types import TracebackType
 
 import numpy as np
@@ -51,7 +50,7 @@ class Stage:
     """Scenes by name, the renderer that draws them, and their cells in memory. Use as a context manager, in one thread."""
 
     def __init__(
-        self, scenes: Mapping[str, WalkScene], *, capacity: int, samples: int = 0, placed: Path | None = None
+        self, scenes: Mapping[str, WalkScene], *, capacity: int, samples: int = 0, placed: PlacedRules | None = None
     ) -> None:
         self.scenes = scenes
         self.main = scenes[MAIN]
@@ -65,9 +64,7 @@ class Stage:
         self._bad: dict[CellKey, tuple[float, DatasetError]] = {}
         self._wants: dict[str, tuple[tuple[CellKey, ...], tuple[CellKey, ...]]] = {}
         self._preparing: dict[str, Preparation] = {}
-        self.rules = TechniqueRules(
-            rays=CastRules(workers=usable_cores()), placed=PlacedRules(placed, threads=max(1, usable_cores() // 2))
-        )
+        self.rules = TechniqueRules(rays=CastRules(workers=usable_cores()), placed=placed or PlacedRules())
         """What techniques are told."""
 
     def __enter__(self) -> Stage:

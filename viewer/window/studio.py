@@ -27,6 +27,8 @@ from typing import Any
 
 from mmi.dataset.reading import open_dataset
 from mmi.foundation.errors import MmiError, ParameterError
+from mmi.foundation.processes import usable_cores
+from viewer.placed.rules import PlacedRules
 from viewer.scene.scene import WalkScene, open_scene
 from viewer.techniques.catalogue import MAIN
 from viewer.window.answering import Answers, Told
@@ -82,9 +84,8 @@ class Studio:
         if self.options.single_mesh is not None:
             scenes[SINGLE] = open_scene(open_dataset(self.options.single_mesh), name=SINGLE, like=self.scene)
         self._streets = Streets(self.scene, city)
-        self._stage = Stage(
-            scenes, capacity=self.options.cache, samples=self.options.samples, placed=self.options.placed
-        )
+        placed = PlacedRules(self.options.placed, threads=max(1, usable_cores() // 2), warp=self.options.warp)
+        self._stage = Stage(scenes, capacity=self.options.cache, samples=self.options.samples, placed=placed)
         self._answers = Answers(self.scene, city, self._stage, self._streets, films=self.options.films)
         self._lock = threading.Condition()
         self._seats: dict[str, _Seat] = {}

@@ -12,6 +12,7 @@ from mmi.dataset.city_files import city_glb
 from viewer.placed import solutions
 from viewer.programs.compare_impostors import compare_impostors
 from viewer.programs.place_images import place_images
+from viewer.programs.view_impostors import view_impostors
 
 SCHEMA = json.loads((Path(viewer.__file__).parent / "report" / "schemas" / "report.json").read_text())
 OPTIONS = ("--budget", "2000", "--optimize", "1400", "--display", "96x72", "--octree-depth", "4", "--pictures", "5")
@@ -86,13 +87,15 @@ def test_a_folder_of_something_else_is_refused(model, tmp_path, capsys):
     assert "found other files (mine.txt); nothing was changed" in capsys.readouterr().err
 
 
-def test_walks_with_it_are_compared(model, folder, tmp_path):
-    arguments = ("--techniques", "full,placed-images", "--placed", folder, "--quiet")
+@pytest.mark.parametrize("warp", ["software", "points"])
+def test_walks_with_it_are_compared(model, folder, tmp_path, warp):
+    arguments = ("--techniques", "full,placed-images", "--placed", folder, "--warp", warp, "--quiet")
     assert run(compare_impostors, model, "-o", tmp_path / "out", "--views", "6", *arguments) == 0
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     jsonschema.validate(report, SCHEMA)
     assert report["display"]["width"] == 96  # that of the images
     found = report["techniques"]["placed-images"]["placed"]
+    assert found["warp"] == warp
     assert found["over_budget"] == 0 and found["most_triangles"] <= found["budget"] == 2000
     assert report["techniques"]["full"]["placed"] is None
 
@@ -103,6 +106,13 @@ def test_without_a_folder_or_with_one_of_another_model_it_is_one_line(model, fol
     assert (
         "--placed: a folder that place-images wrote expected for placed-images, found none" in capsys.readouterr().err
     )
+    assert run(compare_impostors, model, *arguments, "--warp", "points") == 2
+    assert "expected for placed-images, found none" in capsys.readouterr().err
+    others = ("-o", tmp_path / "out", "--techniques", "full", "--quiet", "--warp", "points")
+    assert run(compare_impostors, model, *others) == 2
+    assert "--warp: placed-images among --techniques expected" in capsys.readouterr().err
+    assert run(view_impostors, dataset.path, "--warp", "points") == 2
+    assert "--warp: a folder that place-images wrote (--placed) expected, found none" in capsys.readouterr().err
     assert run(compare_impostors, dataset.path, *arguments, "--placed", folder) == 2
     assert "as it is now expected, found those for" in capsys.readouterr().err
     assert run(compare_impostors, model, *arguments, "--placed", tmp_path) == 2

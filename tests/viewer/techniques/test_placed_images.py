@@ -9,7 +9,7 @@ from placed_models import CAMERA, RULES, model_of, placed, towers
 
 from mmi.foundation.camera import View, view_towards
 from mmi.foundation.errors import ParameterError
-from viewer.computed import WarpedPicture
+from viewer.computed import WarpedPicture, WarpedSamples
 from viewer.drawing.renderer import Renderer
 from viewer.measuring.view_errors import view_errors
 from viewer.placed.rules import PlacedRules
@@ -91,6 +91,19 @@ def test_random_views_are_near_to_the_geometry(scene, renderer, technique, folde
     assert technique.tally.over == technique.tally.outside == technique.tally.tilted == 0
 
 
+def test_warped_by_the_renderer_it_is_as_near_and_draws_the_same_triangles(scene, renderer, technique, folder):
+    points = PlacedImages(scene, PlacedRules(folder.path, warp="points"))
+    views = views_with_images(folder, 40)
+    found = [errors(renderer, scene, points, view) for view in views]
+    assert np.mean([one.wrong_share for one in found]) < 0.01
+    assert np.median([one.thickness_px for one in found]) <= 2.0
+    drawn(renderer, technique, views[-1])
+    assert points.latest == technique.latest
+    plan = points.plan(views[-1], now=0.0, budget=BUDGET)
+    assert sum(isinstance(one, WarpedSamples) for one in plan.draws) == 1
+    assert plan.same_as(points.plan(views[-1], now=0.0, budget=BUDGET))
+
+
 def test_a_plan_draws_each_triangle_in_view_or_has_it_in_its_image(scene, technique, folder):
     everything = scene.mesh.positions[scene.mesh.triangles]
     for view in views_with_images(folder, 20, seed=4):
@@ -155,6 +168,9 @@ def test_few_bytes_are_slower_and_never_wrong(scene, folder):
 def test_a_folder_of_another_model_or_none_is_refused(scene, folder):
     with pytest.raises(ParameterError, match=r"^placed: the folder of placed images expected"):
         PlacedImages(scene, PlacedRules())
+
+    with pytest.raises(ParameterError, match=r"^warp: one of software, points expected, found 'gpu'"):
+        PlacedRules(warp="gpu")
 
     with pytest.raises(ParameterError, match="images placed for made as it is now expected"):
         PlacedImages(model_of(crossroads()).scene(CAMERA), PlacedRules(folder.path))
