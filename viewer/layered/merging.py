@@ -34,6 +34,8 @@ _STEEPEST = 12.0
 _SLANTED = 0.25
 _BENT = 8.0
 """How many times the tolerance an object may be behind a patch of its own that does not reach over its border: it is bent."""
+_HAIR = 1e-6
+"""Pixels, and a share of 1 / depth, that rounding stays far below."""
 _FINER = 0.5
 """A picture whose pixels cover less than this share of what those cover that told a slope tells it better."""
 
@@ -317,6 +319,11 @@ def _shorten(
                 if not is_border[k, side]:
                     continue
                 axis, way = side // 2, 2 * (side % 2) - 1
+                along, far = right if axis == 0 else down, way * 0.5 * reaches[k, side] / HALF
+                end = (middle[0] + far * along[0], middle[1] + far * along[1], middle[2] + far * along[2])
+                nears = near[k], near[k] + far * slopes[k, axis]
+                if _sees_nowhere_past(middle, end, nears, ids[k], depth, picture_slopes, of_picture, tolerance):
+                    continue
                 for step in range(1, reaches[k, side] + 1):
                     aside = way * 0.5 * step / HALF
                     there = near[k] + aside * slopes[k, axis]
@@ -343,7 +350,47 @@ def _sees_past(
     x, y = h[0] / h[2], h[1] / h[2]
     if not (0.0 <= x < depth.shape[1] and 0.0 <= y < depth.shape[0]):
         return False
-    column, row = int(x), int(y)
+    return bool(near / h[2] > _limit(int(y), int(x), one, depth, slopes, ids, tolerance))
+
+
+@kernel(error_model="numpy", nogil=True)
+def _sees_nowhere_past(
+    h: tuple[float, float, float],
+    end: tuple[float, float, float],
+    nears: tuple[float, float],
+    one: int,
+    depth: NDArray[np.float32],
+    slopes: NDArray[np.float32],
+    ids: NDArray[np.int32],
+    tolerance: float,
+) -> bool:
+    """Whether :func:`_sees_past` is false from a point to another: what is before all that is shown between them.
+
+    1 / depth is the largest at either end, and all pixels are looked at that are between them. May be false where it is so.
+    """
+    if not (h[2] > 0.0 and end[2] > 0.0):
+        return False
+    x0, x1, y0, y1 = h[0] / h[2], end[0] / end[2], h[1] / h[2], end[1] / end[2]
+    left, right = int(max(min(x0, x1) - _HAIR, 0.0)), int(min(max(x0, x1) + _HAIR, depth.shape[1] - 1.0))
+    top, bottom = int(max(min(y0, y1) - _HAIR, 0.0)), int(min(max(y0, y1) + _HAIR, depth.shape[0] - 1.0))
+    most = max(nears[0] / h[2], nears[1] / end[2]) * (1.0 + _HAIR)
+    for row in range(top, bottom + 1):
+        for column in range(left, right + 1):
+            if most > _limit(row, column, one, depth, slopes, ids, tolerance):
+                return False
+    return True
+
+
+@kernel(error_model="numpy", nogil=True, inline="always")
+def _limit(
+    row: int,
+    column: int,
+    one: int,
+    depth: NDArray[np.float32],
+    slopes: NDArray[np.float32],
+    ids: NDArray[np.int32],
+    tolerance: float,
+) -> float:
+    """1 / depth up to which a point of an object ``one`` is not before what a pixel shows."""
     slanted = 0.5 * (abs(slopes[row, column, 0]) + abs(slopes[row, column, 1]))
-    margin = tolerance * (_BENT if ids[row, column] == one else 1.0)
-    return bool(near / h[2] > 1.0 / depth[row, column] + slanted + margin)
+    return float(1.0 / depth[row, column] + slanted + tolerance * (_BENT if ids[row, column] == one else 1.0))

@@ -6,11 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.appearance.city_mesh import CityMesh
+from mmi.appearance.cut_outs import clear_blocks, cut_out_triangles
 from mmi.foundation.camera import View
+from viewer.drawing.programs import NEAR
 from viewer.drawing.renderer import Renderer
 from viewer.layered.layered_image import NOTHING, LayeredImage, Picture
 from viewer.layered.merging import merged
 from viewer.layered.viewpoints import construction_views
+from viewer.making.shown_triangles import may_show
 from viewer.placed.solutions import Solutions
 from viewer.placing.model_cells import ModelCells
 from viewer.plan import Faces, ImageKey, Plan, Request, Slot
@@ -25,7 +28,10 @@ class ImageCapture:
     """Makes layered images of a model with an OpenGL context of its own; to be closed."""
 
     def __init__(self, mesh: CityMesh, ground: CityMesh, cells: ModelCells) -> None:
-        self._cells = cells
+        self._cells, self._mesh = cells, mesh
+        self._solid: NDArray[np.bool_] | None = None
+        if mesh.has_cut_outs:
+            self._solid = ~cut_out_triangles(clear_blocks(mesh.texture), mesh.uv, mesh.triangles)
         self._renderer = Renderer(mesh, ground, size=(16, 16), measured=True)
 
     def image(self, solutions: Solutions, number: int) -> LayeredImage:
@@ -42,11 +48,16 @@ class ImageCapture:
             arrangement="ahead",
         )
         triangles = self._cells.triangles_of(some)
-        return merged([self._picture(view, triangles, number) for view in views], radius=image.radius)
+        corners = np.ascontiguousarray(self._mesh.positions[self._mesh.triangles[triangles]].T)
+        solid = None if self._solid is None else self._solid[triangles]
+        pictures = [
+            self._picture(view, triangles[may_show(corners, view, nearest=NEAR, solid=solid)]) for view in views
+        ]
+        return merged(pictures, radius=image.radius)
 
-    def _picture(self, view: View, triangles: NDArray[np.int32], number: int) -> Picture:
+    def _picture(self, view: View, triangles: NDArray[np.int32]) -> Picture:
         size = view.window[2:]
-        request = Request(Slot(_KEY, size), view, (Faces(f"image {number}", triangles),))
+        request = Request(Slot(_KEY, size), view, (Faces("", triangles),))
         self._renderer.execute(Plan((), requests=(request,)))
         found = self._renderer.image(_KEY)
         there = found.depth > 0.0
