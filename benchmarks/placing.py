@@ -6,7 +6,8 @@
 For each target: the cells; the grid's points and the seconds that it takes; the images, how many a point has, and the
 milliseconds that a point takes; how close to the target the views come that images are chosen for (figure 16: within 2 percent
 typically); and random plans of viewers, eye and yaw, in all of the domain: how many triangles they have in view, in cells, and
-how many are left with the image that serves them: never more than the budget. The ground is not part of the model.
+how many are left with the image that serves them: never more than the budget. And the same in all directions from all points,
+of which there are so many ranges. The ground is not part of the model.
 With ``--reach``, also how far from a point a viewer is at most, in units of the distance between the points, and the farthest
 of a million random ones.
 """
@@ -30,6 +31,7 @@ from mmi.foundation.kernels import kernel
 from mmi.reading.read_city import read_city
 from viewer.placing.coverage import lattice_for, reach
 from viewer.placing.directions import TURN, arcs_of, ranges_of, seen_from
+from viewer.placing.grid_check import check_grid
 from viewer.placing.model_cells import ModelCells, cells_for
 from viewer.placing.placements import Placements, placements_at
 from viewer.placing.refining import solution_grid
@@ -124,6 +126,8 @@ def table(
         sizes = np.array([one.window for point in found for one in point.images]).reshape(-1, 4)
         screens = np.prod(sizes[:, 2:] - sizes[:, :2], axis=1) / (4.0 * FOV.across * FOV.up)
         seen, left = flown(cells, grid, found, rules, plans)
+        start = time.perf_counter()
+        checked = check_grid(cells, grid, found, rules)
         rows.append(
             {
                 "model": name,
@@ -144,6 +148,10 @@ def table(
                 "plans": plans,
                 "seen": [float(seen.mean()), int(seen.max()), float((seen > budget).mean())] if plans else [],
                 "left": [float(left.mean()), int(left.max()), int((left > budget).sum())] if plans else [],
+                "ranges": checked.ranges,
+                "ranges_most": checked.most,
+                "ranges_over": checked.over,
+                "ranges_s": time.perf_counter() - start,
             }
         )
         print(json.dumps(rows[-1]), flush=True)

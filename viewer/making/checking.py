@@ -1,4 +1,4 @@
-"""A finished folder put to the test: random views within its grid, and how many triangles each draws."""
+"""A finished folder put to the test: how many triangles are drawn in all directions from all points, and in random views."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from viewer.drawing.renderer import Renderer
 from viewer.making.models import Model
 from viewer.placed.folder import PlacedFolder
 from viewer.placed.rules import PlacedRules
+from viewer.placing.grid_check import GridChecked, check_grid
+from viewer.placing.model_cells import cells_for
 from viewer.plan import Budget, Faces, Plan
 from viewer.techniques.placed_images import PlacedImages, PlacedTally
 
-__all__ = ["Checked", "check_views"]
+__all__ = ["Checked", "check_directions", "check_views"]
 
 _DRAWN = 1000
 """Views, spread over all, in which triangles are counted by the renderer as well."""
@@ -36,6 +38,13 @@ class Checked:
     def kept(self) -> bool:
         """Whether no view drew more than the budget, and all could be judged."""
         return self.tally.over == 0 and self.tally.outside == 0 and self.tally.tilted == 0
+
+
+def check_directions(folder: PlacedFolder, model: Model, *, progress: Progress = silent) -> GridChecked:
+    """Count what views from the points of a folder draw, in all directions, of the model that it is for."""
+    solutions = folder.solutions
+    cells = cells_for(model.mesh.positions, model.mesh.triangles, solutions.rules)
+    return check_grid(cells, solutions.grid, solutions.points, solutions.rules, progress)
 
 
 def check_views(

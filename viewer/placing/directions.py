@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from mmi.foundation.kernels import kernel
 from viewer.placing.rules import Fov
 
-__all__ = ["TURN", "Ranges", "arc_holds", "arcs_of", "distances_to", "ranges_of", "seen_from", "write_arcs"]
+__all__ = ["TURN", "Ranges", "arc_holds", "arcs_of", "distances_to", "ranges_of", "seen_from", "sees", "write_arcs"]
 
 TURN = 2.0 * math.pi
 _HAIR = 1e-9
@@ -165,21 +165,27 @@ def _write_seen(
 ) -> None:
     """Write which boxes (n, 2, 3) are seen."""
     for n in range(len(boxes)):
-        ahead, left, right = (
-            0.0,
-            0.0,
-            0.0,
-        )  # the most of a box ahead of the eye, and right of the left side, left of the right
-        for axis in range(2):
-            low, high = boxes[n, 0, axis] - eye[axis], boxes[n, 1, axis] - eye[axis]
-            along, aside = (cos, sin) if axis == 0 else (sin, -cos)
-            ahead += max(along * low, along * high)
-            left += max((across * along + aside) * low, (across * along + aside) * high)
-            right += max((across * along - aside) * low, (across * along - aside) * high)
-        seen[n] = (
-            ahead >= 0.0
-            and left >= 0.0
-            and right >= 0.0
-            and boxes[n, 0, 2] - eye[2] <= up * ahead
-            and eye[2] - boxes[n, 1, 2] <= up * ahead
-        )
+        seen[n] = sees(boxes[n], eye, cos, sin, across, up)
+
+
+@kernel(error_model="numpy", nogil=True)
+def sees(box: NDArray[np.float64], eye: NDArray[np.float64], cos: float, sin: float, across: float, up: float) -> bool:
+    """Whether a level view from ``eye`` (3,) shows a ``box`` (2, 3); ``cos`` and ``sin`` are those of its yaw."""
+    ahead, left, right = (
+        0.0,
+        0.0,
+        0.0,
+    )  # the most of a box ahead of the eye, and right of the left side, left of the right
+    for axis in range(2):
+        low, high = box[0, axis] - eye[axis], box[1, axis] - eye[axis]
+        along, aside = (cos, sin) if axis == 0 else (sin, -cos)
+        ahead += max(along * low, along * high)
+        left += max((across * along + aside) * low, (across * along + aside) * high)
+        right += max((across * along - aside) * low, (across * along - aside) * high)
+    return bool(
+        ahead >= 0.0
+        and left >= 0.0
+        and right >= 0.0
+        and box[0, 2] - eye[2] <= up * ahead
+        and eye[2] - box[1, 2] <= up * ahead
+    )

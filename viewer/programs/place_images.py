@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from viewer.making.checking import Checked
     from viewer.making.place_images import PlacingSummary
+    from viewer.placing.grid_check import GridChecked
 
 __all__ = ["place_images"]
 
@@ -115,7 +116,8 @@ def place_images(arguments: Sequence[str] | None = None) -> NoReturn:
         "--check",
         type=int,
         metavar="N",
-        help="when all is there: count the triangles of N random views; exit status 1 where one draws more than the budget",
+        help="when all is there: count the triangles of views in all directions from all points, and of N random views; exit "
+        "status 1 where one draws more than the budget",
     )
     work.add_argument("--seed", type=int, default=1, metavar="S", help="of these views (default: %(default)s)")
     work.add_argument(
@@ -151,7 +153,7 @@ def _place(options: argparse.Namespace) -> None:
     from rich.console import Console
 
     from mmi.planning.parameters import BuildParameters
-    from viewer.making.checking import check_views
+    from viewer.making.checking import check_directions, check_views
     from viewer.making.models import read_model
     from viewer.making.place_images import place_images as place
     from viewer.placing.rules import PlacingRules, fov_of
@@ -193,12 +195,14 @@ def _place(options: argparse.Namespace) -> None:
     checked = None
     if options.check is not None:
         with ProgressBar("views", quiet=options.quiet) as advance:
-            checked = check_views(summary.folder, model, views=options.check, seed=options.seed, progress=advance)
+            views = check_views(summary.folder, model, views=options.check, seed=options.seed, progress=advance)
+        with ProgressBar("points", quiet=options.quiet) as advance:
+            checked = check_directions(summary.folder, model, progress=advance), views
         if not options.json:
-            print(_said(checked))
+            print(_said_of_all(checked[0]), _said(views), sep="\n")
     if options.json:
         print(json.dumps(_as_dict(summary, checked), indent=1))
-    if checked is not None and not checked.kept:
+    if checked is not None and not all(one.kept for one in checked):
         raise SystemExit(1)
 
 
@@ -229,6 +233,14 @@ def _print_summary(talk: Console, summary: PlacingSummary, out: Path) -> None:
     )
 
 
+def _said_of_all(checked: GridChecked) -> str:
+    """One line for people."""
+    where = f"{checked.ranges:,} ranges of directions from {checked.points:,} points, which are all"
+    if checked.kept:
+        return f"budget kept: at most {checked.most:,} of {checked.budget:,} triangles in {where}"
+    return f"budget BROKEN in {checked.over:,} of {where}: up to {checked.most:,} triangles, not {checked.budget:,}"
+
+
 def _said(checked: Checked) -> str:
     """One line for people."""
     if checked.kept:
@@ -242,7 +254,7 @@ def _said(checked: Checked) -> str:
     )
 
 
-def _as_dict(summary: PlacingSummary, checked: Checked | None) -> dict[str, Any]:
+def _as_dict(summary: PlacingSummary, checked: tuple[GridChecked, Checked] | None) -> dict[str, Any]:
     return {
         "triangles": summary.triangles,
         "cells": summary.cells,
@@ -258,10 +270,13 @@ def _as_dict(summary: PlacingSummary, checked: Checked | None) -> dict[str, Any]
         "checked": None
         if checked is None
         else {
-            "views": checked.views,
-            "drawn": checked.drawn,
-            "most_triangles": checked.tally.most,
-            "over_budget": checked.tally.over,
-            "kept": checked.kept,
+            "ranges": checked[0].ranges,
+            "most_triangles_of_ranges": checked[0].most,
+            "ranges_over_budget": checked[0].over,
+            "views": checked[1].views,
+            "drawn": checked[1].drawn,
+            "most_triangles": checked[1].tally.most,
+            "over_budget": checked[1].tally.over,
+            "kept": all(one.kept for one in checked),
         },
     }

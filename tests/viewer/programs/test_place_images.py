@@ -1,9 +1,12 @@
 """``place-images`` as a program: what it says, what it refuses in one line, and walks with what it wrote."""
 
 import json
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
 from placed_models import towers
 
@@ -43,7 +46,9 @@ def test_it_says_what_it_made_and_that_the_budget_is_kept(model, folder, capsys)
     assert run(place_images, model, "-o", folder, *OPTIONS, "--workers", "1", "--check", "200") == 0
     out = capsys.readouterr().out
     assert "(0 made now)" in out
-    assert "budget kept: at most " in out and " of 2,000 triangles in 200 views" in out
+    of_all, of_some = out.strip().splitlines()[-2:]
+    assert of_all.startswith("budget kept: at most ") and of_all.endswith(" points, which are all")
+    assert of_some.startswith("budget kept: at most ") and " of 2,000 triangles in 200 views" in of_some
     assert str(folder / "manifest.json") in out
 
 
@@ -51,6 +56,8 @@ def test_its_json_is_json(model, folder, capsys):
     assert run(place_images, model, "-o", folder, *OPTIONS, "--workers", "1", "--check", "50", "--json") == 0
     told = json.loads(capsys.readouterr().out)
     assert told["checked"]["kept"] is True
+    assert told["checked"]["most_triangles_of_ranges"] == told["most_triangles"]
+    assert told["checked"]["ranges_over_budget"] == 0 < told["checked"]["ranges"]
     assert told["most_triangles"] <= told["budget"] == 2000
     assert told["made"] == 0 < told["images"]
 
@@ -58,7 +65,23 @@ def test_its_json_is_json(model, folder, capsys):
 def test_a_broken_budget_is_exit_status_1(model, folder, capsys, monkeypatch):
     monkeypatch.setattr(solutions.Solutions, "serving", lambda *_: -1)
     assert run(place_images, model, "-o", folder, *OPTIONS, "--workers", "1", "--check", "100", "--quiet") == 1
-    assert "budget BROKEN in " in capsys.readouterr().out
+    out = capsys.readouterr().out.strip().splitlines()
+    assert out[-2].startswith("budget kept: ") and out[-1].startswith("budget BROKEN in ")
+
+
+def test_an_image_that_serves_no_direction_is_exit_status_1(model, folder, tmp_path, capsys):
+    """Its checksums are right and its images are there, but those of one point are never shown."""
+    spoilt = tmp_path / "out"
+    shutil.copytree(folder, spoilt)
+    found = solutions.solutions_from((spoilt / "solutions.bin").read_bytes(), "solutions")
+    number = next(n for n, one in enumerate(found.points) if one.images)
+    one = found.points[number]
+    points = [*found.points]
+    points[number] = replace(one, serving=np.full(len(one.serving), -1, dtype=np.int32))
+    told = {name: getattr(found, name) for name in ("source", "model", "camera", "pictures", "rules", "grid")}
+    (spoilt / "solutions.bin").write_bytes(solutions.solutions_to_bytes(solutions.solutions_of(**told, points=points)))
+    assert run(place_images, model, "-o", spoilt, *OPTIONS, "--workers", "1", "--check", "1", "--quiet") == 1
+    assert capsys.readouterr().out.splitlines()[-2].startswith("budget BROKEN in ")
 
 
 @pytest.mark.parametrize(
