@@ -23,6 +23,8 @@ _WIDE, _LONG, _HIGH = 8.0, 6.0, 2.7
 _WOOD, _CLOTH, _PLASTER, _PARQUET, _SPINE, _PICTURE, _LEAF = range(7)
 _OAK = (206, 168, 122)
 _DARK = (132, 92, 66)
+_GROUND = -0.01
+"""The plain around the room is lower than its floor by this, metres: of two surfaces in one plane, any may be seen."""
 
 
 def living_room(seed: int) -> City:
@@ -46,6 +48,7 @@ def living_room(seed: int) -> City:
         origin=(0.0, 0.0, 0.0),
         source=f"living-room-{seed}",
         textures=_textures(rng),
+        ground=_GROUND,
     )
 
 

@@ -210,3 +210,9 @@ def test_scenes_are_repeatable(wood):
     again, other = forest(2), forest(3)
     assert np.array_equal(wood.objects[50].mesh.vertices, again.objects[50].mesh.vertices)
     assert not np.array_equal(wood.objects[50].mesh.vertices, other.objects[50].mesh.vertices)
+
+
+def test_the_floor_of_the_room_is_above_the_plain_around_it(room):
+    """Of two surfaces in one plane a renderer shows the one here and the other there."""
+    floor = next(one for one in room.objects if one.id == "floor")
+    assert floor.mesh.positions[:, 2].max() > room.ground + 0.005
