@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from citygen.generate import generate
+from mmi.city.model import City
 from mmi.dataset.city_files import city_meshes
 from mmi.foundation.camera import Camera
 from mmi.foundation.kernels import kernel
@@ -79,11 +80,17 @@ PAPER = {
 """Table 1: of each model its triangles, and by budget the layered depth images and the hours for grid and placing."""
 
 
-def triangles_of(name: str) -> tuple[NDArray[np.floating], NDArray[np.integer]]:
-    """Positions (v, 3) and triangles (t, 3) of a file or a preset, which may have a detail after a colon."""
+def city_of(name: str) -> City:
+    """A file, or a preset, which may have a detail after a colon."""
+    if Path(name).exists():
+        return read_city(Path(name))[0]
     preset, _, detail = name.partition(":")
-    city = read_city(Path(name))[0] if Path(name).exists() else generate(preset, detail=int(detail) if detail else None)
-    mesh = city_meshes(city)[0]
+    return generate(preset, detail=int(detail) if detail else None)
+
+
+def triangles_of(name: str) -> tuple[NDArray[np.floating], NDArray[np.integer]]:
+    """Positions (v, 3) and triangles (t, 3)."""
+    mesh = city_meshes(city_of(name))[0]
     return mesh.positions, mesh.triangles
 
 
@@ -245,6 +252,12 @@ def told(rows: list[dict[str, Any]]) -> None:
             print(f"| paper: {model}, {triangles:,} | {budget:,} | | | | {hours} h | {images:,} | | | |")
 
 
+def heights(text: str) -> tuple[float, float]:
+    """An option's two numbers."""
+    low, high = (float(one) for one in text.split(","))
+    return low, high
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
@@ -255,18 +268,16 @@ def main() -> None:
     parser.add_argument("--target", default="90000", metavar="N,...", help="triangles (default: %(default)s)")
     parser.add_argument("--plans", type=int, default=10_000, metavar="N", help="random viewers (default: %(default)s)")
     parser.add_argument(
-        "--heights", metavar="LOW,HIGH", help="of viewers, metres (default: those of the model, and more)"
+        "--heights", type=heights, metavar="LOW,HIGH", help="of viewers, metres (default: those of the model, and more)"
     )
     parser.add_argument("--reach", action="store_true", help="tell the lattice's constants first")
     options = parser.parse_args()
     if options.reach:
         reaches()
-    flat = None
-    if options.heights:
-        low, high = (float(one) for one in options.heights.split(","))
-        flat = (low, high)
     targets = [int(one) for one in options.target.split(",")]
-    rows = [row for name in options.models for row in table(name, options.budget, targets, options.plans, flat)]
+    rows = [
+        row for name in options.models for row in table(name, options.budget, targets, options.plans, options.heights)
+    ]
     told(rows)
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "placing.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")

@@ -27,7 +27,7 @@ from viewer.placed.solutions import Solutions, print_of, solutions_of
 from viewer.placing.model_cells import cells_for
 from viewer.placing.placements import Placements
 from viewer.placing.refining import solution_grid
-from viewer.placing.rules import PlacingRules
+from viewer.placing.rules import FrameBudget, PlacingRules
 from viewer.placing.solution_grid import domain_of
 
 __all__ = ["PlacingSummary", "place_images"]
@@ -62,13 +62,14 @@ def place_images(
     heights: tuple[float, float] | None = None,
     pictures: int = 9,
     workers: int = 1,
+    frame: FrameBudget | None = None,
     progress: Progress = silent,
 ) -> PlacingSummary:
     """Place images for ``model`` into the folder ``out``, or go on with that.
 
     ``rules`` are for the display of ``camera``; viewers' eyes are at ``heights``, from the lowest to the highest, metres in the
-    model's frame, or anywhere around the model. ``progress`` is called with (images done, all of them, what was done last),
-    before that with points.
+    model's frame, or anywhere around the model. The manifest says what ``frame`` the budget is from, if it is from one.
+    ``progress`` is called with (images done, all of them, what was done last), before that with points.
 
     Raises ParameterError, DatasetError.
     """
@@ -125,7 +126,7 @@ def place_images(
             peaks[one.process] = max(one.memory, peaks.get(one.process, 0))
             progress(len(known.images) - len(numbers) + done, len(known.images), f"image {one.number}")
         stages["pictures"] = time.perf_counter() - start
-        size = write_manifest(folder)
+        size = write_manifest(folder, frame)
     return PlacingSummary(
         folder=folder,
         triangles=len(model.mesh.triangles),

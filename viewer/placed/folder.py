@@ -17,7 +17,7 @@ import math
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from mmi.foundation.whole_files import bytes_within, is_leftover, write_whole
 from viewer.layered.image_codec import decoded
 from viewer.layered.layered_image import LayeredImage
 from viewer.placed.solutions import Solutions, solutions_from, solutions_to_bytes
+from viewer.placing.rules import FrameBudget
 
 __all__ = [
     "FORMAT_VERSION",
@@ -209,8 +210,9 @@ def placing_folder(path: Path) -> Iterator[Path]:
         ) from error
 
 
-def write_manifest(folder: PlacedFolder) -> int:
-    """Say that a folder is complete, and remove images of earlier runs; the bytes of all images.
+def write_manifest(folder: PlacedFolder, frame: FrameBudget | None = None) -> int:
+    """Say that a folder is complete, and what ``frame`` its budget is from; remove images of earlier runs. The bytes of all
+    images.
 
     Raises DatasetError where an image is missing or damaged.
     """
@@ -236,6 +238,7 @@ def write_manifest(folder: PlacedFolder) -> int:
         "images": len(sizes),
         "bytes": sum(sizes),
         "most_triangles": max(int(one.counts.max()) for one in solutions.points),
+        "frame_ms": None if frame is None else asdict(frame),
     }
     write_whole(folder.path / _MANIFEST, readable_json(told))
     return sum(sizes)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from mmi.foundation.camera import Camera
 from mmi.foundation.errors import ParameterError
 
-__all__ = ["Fov", "PlacingRules", "fov_of"]
+__all__ = ["Fov", "FrameBudget", "PlacingRules", "fov_of"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +47,35 @@ class Fov:
 def fov_of(camera: Camera) -> Fov:
     """What a display shows; of an odd number of pixels, the larger half of its window to both sides."""
     return Fov((camera.width + 1) // 2 / camera.focal, (camera.height + 1) // 2 / camera.focal)
+
+
+@dataclass(frozen=True, slots=True)
+class FrameBudget:
+    """How long a frame may take, ``ms``, on a machine on which a frame takes ``fixed`` ms as such, a ``million`` triangles so
+    many, and an ``image`` to be warped and drawn. Whether that is so is for the user to know: what a frame takes is not bounded
+    by the triangles that are drawn alone. Raises ParameterError for what has no meaning, or leaves no triangles.
+    """
+
+    ms: float
+    fixed: float
+    million: float
+    image: float
+
+    def __post_init__(self) -> None:
+        for name, least in (("ms", 1e-3), ("fixed", 0.0), ("million", 1e-3), ("image", 0.0)):
+            value = getattr(self, name)
+            if not least <= value <= 1e6:
+                raise ParameterError(f"{name}: {least:g} to 1000000 milliseconds expected, found {value!r}")
+        if self.triangles < 2:
+            raise ParameterError(
+                f"ms: more than {self.fixed + self.image:g}, as a frame with an image takes without triangles, expected, found "
+                f"{self.ms:g}"
+            )
+
+    @property
+    def triangles(self) -> int:
+        """The budget P that keeps a frame with an image to so long."""
+        return math.floor(1e6 * (self.ms - self.fixed - self.image) / self.million)
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from viewer.making.checking import Checked
     from viewer.making.place_images import PlacingSummary
     from viewer.placing.grid_check import GridChecked
+    from viewer.placing.rules import FrameBudget
 
 __all__ = ["place_images"]
 
@@ -53,12 +54,25 @@ def place_images(arguments: Sequence[str] | None = None) -> NoReturn:
     )
     parser.add_argument("-o", "--output", type=path_option, required=True, metavar="OUT", help="folder of the images")
     budget = parser.add_argument_group("the budget")
-    budget.add_argument(
+    either = budget.add_mutually_exclusive_group(required=True)
+    either.add_argument(
         "--budget",
         type=int,
-        required=True,
         metavar="P",
         help="triangles of the model that a view draws at most; ground and images are besides",
+    )
+    either.add_argument(
+        "--budget-ms",
+        type=float,
+        metavar="MS",
+        help="or milliseconds that a frame may take: P is the triangles for which --costs leave time",
+    )
+    budget.add_argument(
+        "--costs",
+        type=_costs,
+        metavar="FRAME,MILLION,IMAGE",
+        help="what a frame takes as such, for a million triangles and for an image, milliseconds, where it is walked; the "
+        "manifest has them",
     )
     budget.add_argument(
         "--optimize",
@@ -128,13 +142,15 @@ def place_images(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def _place(options: argparse.Namespace) -> None:
+    frame = _frame(options)
+    triangles = options.budget if frame is None else frame.triangles
     cores = usable_cores()
     workers = options.workers if options.workers is not None else cores
     for name, value, least, most in (
         ("workers", workers, 1, max(_MOST_WORKERS, cores)),
-        ("budget", options.budget, 2, 1 << 40),
+        ("budget", triangles, 2, 1 << 40),
         ("check", 1 if options.check is None else options.check, 1, 10**9),
-        ("optimize", 1 if options.optimize is None else options.optimize, 1, options.budget),
+        ("optimize", 1 if options.optimize is None else options.optimize, 1, triangles),
     ):
         if not least <= value <= most:
             raise ParameterError(f"--{name}: {least:,} to {most:,} expected, found {value:,}")
@@ -164,10 +180,10 @@ def _place(options: argparse.Namespace) -> None:
         model = read_model(options.source, reading, longest_object=longest, progress=advance)
     target = options.optimize
     if target is None:
-        target = max(options.budget - round(0.06 * len(model.mesh.triangles)), options.budget // 2)
+        target = max(triangles - round(0.06 * len(model.mesh.triangles)), triangles // 2)
     cost, benefit, small, far = options.weights
     rules = PlacingRules(
-        options.budget,
+        triangles,
         target,
         fov_of(camera),
         depth=options.depth,
@@ -186,6 +202,7 @@ def _place(options: argparse.Namespace) -> None:
             heights=options.heights,
             pictures=options.pictures,
             workers=workers,
+            frame=frame,
             progress=advance,
         )
     with suppress(SystemExit):  # rich leaves when nobody reads its output any more (| head)
@@ -204,6 +221,24 @@ def _place(options: argparse.Namespace) -> None:
         print(json.dumps(_as_dict(summary, checked), indent=1))
     if checked is not None and not all(one.kept for one in checked):
         raise SystemExit(1)
+
+
+def _costs(text: str) -> list[float]:
+    return numbers_option(text, 3, "three numbers of milliseconds (2,30,8)")
+
+
+def _frame(options: argparse.Namespace) -> FrameBudget | None:
+    """What milliseconds were said."""
+    from viewer.placing.rules import FrameBudget
+
+    if (options.budget_ms is None) != (options.costs is None):
+        raise ParameterError("--budget-ms, --costs: both or neither expected, found one of them")
+    if options.budget_ms is None:
+        return None
+    try:
+        return FrameBudget(options.budget_ms, *options.costs)
+    except ParameterError as error:
+        raise ParameterError(f"--budget-ms, --costs: {error}") from None
 
 
 def _weights(text: str) -> list[float]:

@@ -7,7 +7,7 @@ import pytest
 
 from mmi.foundation.camera import Camera, view_towards
 from mmi.foundation.errors import ParameterError
-from viewer.placing.rules import Fov, PlacingRules, fov_of
+from viewer.placing.rules import Fov, FrameBudget, PlacingRules, fov_of
 
 USUAL = Fov(0.577, 0.433)
 
@@ -59,3 +59,23 @@ def test_the_pyramid_around_pitched_views_is_the_least_that_holds_them():
     found = np.max(slopes, axis=(0, 1))
     assert found == pytest.approx([around.across, around.up], rel=1e-9)
     assert fov.for_pitches(0.0).up == pytest.approx(fov.up)
+
+
+def test_a_frame_leaves_the_triangles_that_it_has_time_for():
+    frame = FrameBudget(ms=20.0, fixed=2.0, million=50.0, image=8.0)
+    assert frame.triangles == 200_000
+    assert frame.fixed + frame.image + frame.million * 1e-6 * frame.triangles <= frame.ms
+
+
+@pytest.mark.parametrize(
+    ("costs", "told"),
+    [
+        ({"ms": 10.0}, "ms: more than 10, as a frame with an image takes without triangles, expected, found 10"),
+        ({"fixed": -1.0}, "fixed: 0 to 1000000 milliseconds expected, found -1.0"),
+        ({"million": 0.0}, "million: 0.001 to "),
+        ({"image": math.nan}, "image: 0 to "),
+    ],
+)
+def test_frames_that_leave_none_have_no_meaning(costs, told):
+    with pytest.raises(ParameterError, match=told):
+        FrameBudget(**{"ms": 20.0, "fixed": 2.0, "million": 50.0, "image": 8.0} | costs)

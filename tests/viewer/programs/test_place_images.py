@@ -52,6 +52,17 @@ def test_it_says_what_it_made_and_that_the_budget_is_kept(model, folder, capsys)
     assert str(folder / "manifest.json") in out
 
 
+def test_milliseconds_are_triangles_and_stand_in_the_manifest(model, folder, tmp_path):
+    same = tmp_path / "out"
+    shutil.copytree(folder, same)
+    options = ("--budget-ms", "10", "--costs", "2,3000,2", *OPTIONS[2:])  # 6 ms for triangles
+    assert run(place_images, model, "-o", same, *options, "--workers", "1", "--quiet") == 0
+    told, before = (json.loads((path / "manifest.json").read_text()) for path in (same, folder))
+    assert told.pop("frame_ms") == {"ms": 10.0, "fixed": 2.0, "million": 3000.0, "image": 2.0}
+    assert before.pop("frame_ms") is None
+    assert told == before
+
+
 def test_its_json_is_json(model, folder, capsys):
     assert run(place_images, model, "-o", folder, *OPTIONS, "--workers", "1", "--check", "50", "--json") == 0
     told = json.loads(capsys.readouterr().out)
@@ -90,6 +101,9 @@ def test_an_image_that_serves_no_direction_is_exit_status_1(model, folder, tmp_p
         (("--budget", "0"), "--budget: 2 to "),
         (("--budget", "50", "--optimize", "60"), "--optimize: 1 to 50 expected, found 60"),
         (("--budget", "50", "--check", "0"), "--check: 1 to "),
+        (("--budget", "50", "--costs", "1,2,3"), "--budget-ms, --costs: both or neither expected"),
+        (("--budget-ms", "5", "--costs", "1,2"), "three numbers of milliseconds (2,30,8) expected"),
+        (("--budget-ms", "5", "--costs", "2,30,8"), "--budget-ms, --costs: ms: more than 10, as a frame with"),
         (("--budget", "50", "--workers", "0"), "--workers: 1 to "),
         (("--budget", "50", "--pitch", "90"), "--pitch: 0 to 90 degrees expected"),
         (("--budget", "50", "--fov", "200"), "--display, --fov: "),
