@@ -33,7 +33,7 @@ from viewer.layered.warping import warped
 from viewer.making.image_capture import ImageCapture
 from viewer.making.models import Model
 from viewer.measuring.view_errors import flip_map, wrong_regions
-from viewer.placed.solutions import Solutions, solutions_of
+from viewer.placed.solutions import PlacedImage, Solutions
 from viewer.placing.directions import TURN, seen_from
 from viewer.placing.model_cells import ModelCells, cells_for
 from viewer.placing.placements import placements_at
@@ -50,11 +50,11 @@ TEXT = 15
 
 
 class Shown(NamedTuple):
-    """A viewer, the solutions that have only the image that serves him, and how far from its point he is, metres."""
+    """A viewer, the image that serves him, and how far from its point he is, metres."""
 
     eye: NDArray[np.float64]
     yaw: float
-    solutions: Solutions
+    image: PlacedImage
     away: float
 
     def view(self, camera: Camera) -> View:
@@ -65,32 +65,39 @@ class Shown(NamedTuple):
 class Stage:
     """A model, drawn as geometry or with an image."""
 
-    def __init__(self, model: Model, cells: ModelCells, rules: PlacingRules) -> None:
-        self._cells, self._rules = cells, rules
+    def __init__(
+        self, model: Model, cells: ModelCells, grid: SolutionGrid, rules: PlacingRules, candidates: list[Shown]
+    ) -> None:
+        self._cells, self._rules, self.candidates = cells, rules, candidates
+        images = tuple(one.image for one in candidates)
+        self._solutions = Solutions(
+            model.city.source, "", CAMERA, 9, rules, grid, (), images, np.zeros(1, dtype=np.int64)
+        )
         self._capture = ImageCapture(model.mesh, model.ground, cells)
         self._renderer = Renderer(model.mesh, model.ground, size=(CAMERA.width, CAMERA.height), measured=True)
 
-    def image(self, shown: Shown, pictures: int, camera: Camera = CAMERA) -> LayeredImage:
-        """The image that serves a viewer, of some pictures, for a display."""
-        return self._capture.image(replace(shown.solutions, pictures=pictures, camera=camera), 0)
+    def image(self, number: int, pictures: int, camera: Camera = CAMERA) -> LayeredImage:
+        """The image that serves a candidate, of some pictures, for a display."""
+        return self._capture.image(replace(self._solutions, pictures=pictures, camera=camera), number)
 
-    def drawn(self, shown: Shown, image: LayeredImage | None, camera: Camera = CAMERA) -> DrawnPicture:
-        """What a viewer sees of the model, with an image or without."""
+    def drawn(self, number: int, image: LayeredImage | None, camera: Camera = CAMERA) -> DrawnPicture:
+        """What a candidate sees of the model, with an image or without."""
+        shown = self.candidates[number]
         view = shown.view(camera)
         seen = seen_from(self._cells.boxes, shown.eye, shown.yaw, self._rules.pyramid)
         draws: list[Draw] = [Sky()]
         if image is not None:
-            seen[shown.solutions.images[0].placement.cells] = False
+            seen[shown.image.placement.cells] = False
             found = warped(image, view)
             draws.insert(0, WarpedPicture(found.color, found.depth, found.ids))
         key = "geometry" if image is None else "what is left"
-        draws.insert(0, Faces(f"{key} {shown.eye.tolist()}", self._cells.triangles_of(np.flatnonzero(seen))))
+        draws.insert(0, Faces(f"{key} {number}", self._cells.triangles_of(np.flatnonzero(seen))))
         self._renderer.resize(view.window[2:])
         return self._renderer.draw(Plan(tuple(draws)), view, measured=True)
 
 
-def candidates(
-    model: Model, cells: ModelCells, grid: SolutionGrid, rules: PlacingRules, count: int, rng: np.random.Generator
+def viewers(
+    cells: ModelCells, grid: SolutionGrid, rules: PlacingRules, count: int, rng: np.random.Generator
 ) -> list[Shown]:
     """Viewers who are as far from their points as may be, each with his image."""
     found: list[Shown] = []
@@ -109,22 +116,8 @@ def candidates(
         eyes = point + (away / np.linalg.norm(ways, axis=1))[:, None] * ways
         served = [n for n in np.argsort(-away) if grid.closest(eyes[n], yaw) == number]
         if served:
-            single = replace(one, images=(image,), borders=np.zeros(1), serving=np.zeros(1, dtype=np.int32))
-            leaves = np.unique(
-                np.repeat(np.arange(len(grid.codes)), np.diff(grid.leaf_starts))[grid.leaf_points == number]
-            )
-            alone = replace(
-                grid,
-                points=point[None],
-                codes=grid.codes[leaves],
-                depths=grid.depths[leaves],
-                reaches=grid.reaches[leaves],
-                leaf_starts=np.arange(len(leaves) + 1),
-                leaf_points=np.zeros(len(leaves), dtype=np.int32),
-            )
-            told = {"source": model.city.source, "model": "", "camera": CAMERA, "pictures": 9, "rules": rules}
-            solutions = solutions_of(**told, grid=alone, points=[single])  # type: ignore[arg-type]
-            found.append(Shown(eyes[served[0]], yaw, solutions, float(away[served[0]])))
+            placed = PlacedImage(point, float(grid.radii[number]), image)
+            found.append(Shown(eyes[served[0]], yaw, placed, float(away[served[0]])))
     return found
 
 
@@ -172,21 +165,21 @@ def main() -> None:
     if options.heights:
         domain[:, 2] = options.heights
     grid = solution_grid(cells, rules, domain)
-    stage = Stage(model, cells, rules)
-    found = candidates(model, cells, grid, rules, options.candidates, np.random.default_rng(options.seed))
-    lost = [holes(stage.drawn(one, None), stage.drawn(one, stage.image(one, 1))) for one in found]
+    found = viewers(cells, grid, rules, options.candidates, np.random.default_rng(options.seed))
+    stage = Stage(model, cells, grid, rules, found)
+    lost = [holes(stage.drawn(n, None), stage.drawn(n, stage.image(n, 1))) for n in range(len(found))]
     print(f"holes with one picture: {', '.join(f'{one:.1%}' for one in sorted(lost))}")
-    shown = found[int(np.argmax(lost))]
-    truth = stage.drawn(shown, None)
+    most = int(np.argmax(lost))
+    truth = stage.drawn(most, None)
     pictures = []
     for count in (1, 9):
-        drawn = stage.drawn(shown, stage.image(shown, count))
+        drawn = stage.drawn(most, stage.image(most, count))
         flip = flip_map(truth.color, drawn.color).mean()
         told = f"{count} picture{'s' if count > 1 else ''}: {holes(truth, drawn):.2%} holes, FLIP {flip:.3f}"
-        print(f"{told}; {drawn.triangles:,} of {truth.triangles:,} triangles, {shown.away:.3g} m from the point")
+        print(f"{told}; {drawn.triangles:,} of {truth.triangles:,} triangles, {found[most].away:.3g} m from the point")
         pictures.append((told, drawn.color))
     side_by_side(pictures, options.out / f"figure10-{name.split()[0]}.png")
-    truth, drawn = stage.drawn(shown, None, LARGE), stage.drawn(shown, stage.image(shown, 9, LARGE), LARGE)
+    truth, drawn = stage.drawn(most, None, LARGE), stage.drawn(most, stage.image(most, 9, LARGE), LARGE)
     pictures = [
         (f"image and {drawn.triangles:,} triangles", halved(drawn.color)),
         (f"{truth.triangles:,} triangles", halved(truth.color)),
