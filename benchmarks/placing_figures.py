@@ -9,7 +9,8 @@ captured. What is found is kept as DIR/placing_figures.json, to which each run a
 - figure13.png: images by budget. To the left, as in the paper, for each triangle of the model; to the right their number. The
   paper shows a theoretical best case, geometry of one density everywhere, and a near worst case, of large differences in
   density, and derives neither. Here images are placed for two such models: triangles spread evenly in a cube, and triangles
-  whose logarithms of distances to a point are spread evenly, from a thousandth of the cube to all of it.
+  whose logarithms of distances to a point are spread evenly, from a tenth of the cube to all of it, so that they are a thousand
+  times as dense in the middle as outside.
 - figure14-MODEL.png: triangles in view along a closed path through the model, and those that are left.
 - figure15.png: of points with images, how many have one, two, three and more.
 - figure16.png: what is left of the views that images were chosen for, compared with what was aimed at.
@@ -47,14 +48,14 @@ HISTOGRAM = {1: 14_012, 2: 4_311, 3: 862, 4: 40}
 FRAMES = 600
 
 
-def bounding(name: str, count: int = 30_000) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def bounding(name: str, count: int = 20_000) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Positions (v, 3) and triangles (t, 3) of a model of small triangles in a cube, of even or uneven density."""
     rng = np.random.default_rng(1)
     if name == EVEN:
         middles, sizes = rng.uniform(-1.0, 1.0, (count, 3)), np.full(count, 0.002)
     else:
         ways = rng.normal(size=(count, 3))
-        away = 10.0 ** rng.uniform(-1.5, 0.0, count)
+        away = 10.0 ** rng.uniform(-1.0, 0.0, count)
         middles, sizes = away[:, None] * ways / np.linalg.norm(ways, axis=1, keepdims=True), 0.002 * away
     corners = middles[:, None] + sizes[:, None, None] * rng.uniform(-1.0, 1.0, (count, 3, 3))
     return 100.0 * corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)
@@ -189,7 +190,7 @@ def path(name: str, row: dict[str, Any], out: Path) -> None:
     axes.plot(row["path"]["left"], color=COLORS[1], lw=1.0, label="without those that an image replaces")
     axes.axhline(row["budget"], color=EMPHASIS, lw=1.0, label="budget")
     axes.axhline(row["target"], color=EMPHASIS, lw=0.8, ls=":", label="aimed at")
-    axes.set_ylim(bottom=0.0)
+    axes.set_ylim(0.0, 1.4 * max(row["path"]["seen"]))  # room for the legend
     labelled(axes, "frame", "triangles", f"a path through {name}, {row['triangles']:,} triangles (paper, figure 14)")
     save(figure, out / f"figure14-{name.split()[0]}.png")
 
