@@ -215,4 +215,4 @@ def test_scenes_are_repeatable(wood):
 def test_the_floor_of_the_room_is_above_the_plain_around_it(room):
     """Of two surfaces in one plane a renderer shows the one here and the other there."""
     floor = next(one for one in room.objects if one.id == "floor")
-    assert floor.mesh.positions[:, 2].max() > room.ground + 0.005
+    assert floor.mesh.vertices[:, 2].max() > room.ground + 0.005
