@@ -45,7 +45,7 @@ ROOM = ("floor", "ceiling", "wall/")
 CEILING = "ceiling"
 """What a bird's eye view leaves out."""
 RULES = CacheRules(eager=True, depth=3, leaf_triangles=1, largest=512)
-"""Texels are twice as fine as the paper's, so that boxes of this depth need twice its 256 a side."""
+"""Texels are finer than the paper's, so that boxes of this depth need more of them than its 256 a side."""
 RED, GREEN = (214, 39, 40), (44, 160, 44)
 
 

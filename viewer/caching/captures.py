@@ -18,7 +18,7 @@ from viewer.scene.frustum import box_corners
 
 __all__ = ["Captures", "Sharpness", "captures_of", "least_distances", "sharpness_of"]
 
-_FINER = 2.0
+_FINER = 2.5
 """Texels are so much finer than the smallest pixels when they are captured: the viewer may come closer, and of facades in a
 row, each as narrow as a pixel, the right one is shown (``benchmarks/image_cache_pictures.py``)."""
 _LARGER_PX = 2.0
