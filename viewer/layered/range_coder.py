@@ -19,7 +19,7 @@ __all__ = ["WIDTH", "Coder", "bit", "chances_for", "ended", "number", "reading",
 WIDTH = 112
 """Slots of a kind of numbers."""
 _DEEPEST = 25
-"""Numbers are below 2 to the power of this, plus one."""
+"""Numbers are below 2 to the power of this."""
 _FIRST, _SECOND = 2 + _DEEPEST, 2 + 2 * _DEEPEST
 """Slots of a number's two highest bits after the first, by how many it has."""
 _CERTAIN = 1 << 16
