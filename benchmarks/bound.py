@@ -76,7 +76,7 @@ def measure(folder: Path, views: int, seed: int, worst: Path | None, keep: int) 
             angles = shown.displacement[np.isfinite(shown.displacement)].astype(np.float64)
             displaced = camera.focal * math.tan(min(float(angles.max(initial=0.0)), 1.5))
             thick = thickness(regions.wrong)
-            beyond = thick if thick <= limit else _beyond_a_pixel(draw, view, (truth, shown), limit)
+            beyond = thick if thick <= limit else beyond_a_pixel(draw, view, (truth, shown), limit)
             gaps = regions.holes & binary_erosion(_ids(truth) >= 0, np.ones((3, 3)))
             found.append((thick, beyond, displaced, float(regions.wrong.mean()), float(gaps.sum())))
             if worst is not None and (thick, number) >= sorted([(f[0], i) for i, f in enumerate(found)])[-keep:][0]:
@@ -107,7 +107,7 @@ def measure(folder: Path, views: int, seed: int, worst: Path | None, keep: int) 
     )
 
 
-def _beyond_a_pixel(
+def beyond_a_pixel(
     draw: Callable[[View], tuple[DrawnPicture, DrawnPicture]],
     view: View,
     frames: tuple[DrawnPicture, DrawnPicture],

@@ -9,10 +9,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mmi.appearance.city_mesh import triangles_of
 from mmi.capture.covered_pieces import covered_pieces
-from mmi.capture.layer_values import Impostor, Layer, Promise
+from mmi.capture.layer_values import DepthTexture, GridMesh, Impostor, Layer, Promise
 from mmi.capture.rims import touching, with_rims
 from mmi.capture.unseen import without_unseen
 from mmi.capture.windows import layer_views
@@ -21,6 +22,8 @@ from mmi.foundation.progress import Stopwatch
 from mmi.meshing.displacement import displacement
 from mmi.meshing.grid_mesh import grid_mesh
 from mmi.meshing.ordering import CapturedLayer, out_of_order
+from mmi.parallax.from_anywhere import viewers_of
+from mmi.planning.parameters import BuildParameters
 from mmi.planning.plan import CellPlan, PreparedCity, plan_cell
 
 if TYPE_CHECKING:
@@ -28,8 +31,11 @@ if TYPE_CHECKING:
 
 __all__ = ["build_cell", "capture_cell", "capture_layers"]
 
-_MESH_SHARE = 0.5
-"""Of the threshold: what a mesh may displace where depth does not jump."""
+_MESH_SHARES = (0.5, 0.25, 0.125)
+"""Of the threshold: what a mesh may displace where depth does not jump, as cut at first, and where that is not enough."""
+
+_WORTH_KNOWING = 0.25
+"""Of the threshold: displacements that are surely less are not told apart."""
 
 _RIM_SHARE = 0.25
 """Of the threshold: what a rim may be off the surface that it continues."""
@@ -74,10 +80,27 @@ def capture_layers(
                     pieces = covered_pieces(whole, quad=parameters.quad, half_width=half_width)
                 for piece, texture in enumerate(pieces):
                     with watch.stage("meshing"):
-                        mesh = grid_mesh(texture, viewpoints=viewpoints, tolerance=_MESH_SHARE * parameters.max_angle)
+                        mesh, displaced = _meshed(texture, cell, viewpoints, parameters)
                         shown = objects[np.isin(objects, texture.object_ids, kind="table")]
-                        displaced = displacement(texture, mesh, viewpoints)
                     yield Layer(index, sector, piece, shown, texture, mesh, displaced)
+
+
+def _meshed(
+    texture: DepthTexture, cell: ViewingCell, viewpoints: NDArray[np.float64], parameters: BuildParameters
+) -> tuple[GridMesh, float]:
+    """The mesh of a picture, and an angle (radians) that no viewer in the cell sees any of it displaced by more than.
+
+    Where something is to be bounded, that is the threshold at most, wherever tearing the mesh and cutting it finer can do it.
+    """
+    limit, viewers = parameters.max_angle, viewers_of(cell, texture.view)
+    widest = limit if parameters.bounded else math.pi
+    found: list[tuple[GridMesh, float]] = []
+    for share in _MESH_SHARES if parameters.bounded else _MESH_SHARES[:1]:
+        mesh = grid_mesh(texture, viewpoints=viewpoints, tolerance=share * limit, viewers=viewers, widest=widest)
+        found.append((mesh, displacement(texture, mesh, viewers, least=_WORTH_KNOWING * limit)))
+        if found[-1][1] <= limit:
+            break
+    return min(found, key=lambda one: one[1])
 
 
 def capture_cell(

@@ -10,8 +10,13 @@ from numpy.typing import NDArray
 from mmi.capture.layer_values import DepthTexture, GridMesh
 from mmi.foundation.kernels import kernel
 from mmi.foundation.ray_chords import Intrinsics, chord, intrinsics_of, may_exceed
+from mmi.parallax.from_anywhere import Viewers, parted_at_most, surely_within
 
 __all__ = ["Captured", "Vertices", "as_seen", "displaced_by", "displacement"]
+
+
+_HALF = 0.499
+"""Of a texel, from its centre to its sides, less what texture coordinates are rounded by."""
 
 
 class Captured(NamedTuple):
@@ -31,13 +36,19 @@ class Vertices(NamedTuple):
     values: NDArray[np.float64]
 
 
-def displacement(texture: DepthTexture, mesh: GridMesh, viewpoints: NDArray[np.float64]) -> float:
-    """The largest angle between where a captured texel is and where the mesh draws it, from any of ``viewpoints`` (k, 3);
-    radians.
+def displacement(texture: DepthTexture, mesh: GridMesh, viewers: Viewers, *, least: float = 0.0) -> float:
+    """An angle that no viewer sees exceeded between where a captured texel is and where the mesh draws any part of it; radians.
+
+    Less than ``least`` is not looked for: it is what is said then, and that takes a fraction of the time.
     """
     depth = texture.view.project(mesh.vertices.astype(np.float64))[:, 2]
     lattice = mesh.uv.astype(np.float64) * np.array(texture.view.window[2:])
-    chord = _displacement(as_seen(texture, viewpoints), Vertices(lattice, 1.0 / depth), mesh.triangles)
+    inverse = np.where(texture.coverage, 1.0 / texture.depth.astype(np.float64), 0.0)
+    left, top = texture.view.window[:2]
+    intrinsics = Intrinsics(float(left), float(top), texture.view.focal)
+    chord = _displacement(
+        inverse, intrinsics, Vertices(lattice, 1.0 / depth), mesh.triangles, viewers, 2.0 * np.sin(0.5 * least)
+    )
     return float(2.0 * np.arcsin(min(0.5 * chord, 1.0)))
 
 
@@ -79,10 +90,84 @@ def displaced_by(
 
 
 @kernel(error_model="numpy")
-def _displacement(captured: Captured, vertices: Vertices, triangles: NDArray[np.int32]) -> float:
-    """The largest chord (see :func:`chord`) over all captured texels, each drawn by the triangle that its centre lies in."""
-    most, reach = 0.0, (captured.offsets**2).sum(axis=1).max() ** 0.5
+def _displacement(
+    inverse: NDArray[np.float64],
+    intrinsics: Intrinsics,
+    vertices: Vertices,
+    triangles: NDArray[np.int32],
+    viewers: Viewers,
+    most: float,
+) -> float:
+    """A chord that the displacement of no part of a texel exceeds, by all triangles that show some of it; not below ``most``.
+
+    Within a texel, all of which shows what was captured at its centre, a triangle draws 1/z of a range. Seen from anywhere,
+    points of a ray are the farther apart the more their 1/z differ, so the ends of the range tell.
+    """
+    height, width = inverse.shape
+    blur = np.sqrt(0.5) / intrinsics.focal  # from a texel's centre to its corners
+    corners, reach = np.empty((3, 3)), viewers.reach
     for k in range(len(triangles)):
-        corners = (triangles[k, 0], triangles[k, 1], triangles[k, 2])
-        most = displaced_by(captured, vertices, corners, reach, most)
+        for turn in range(3):
+            vertex = triangles[k, turn]
+            corners[turn, 0], corners[turn, 1] = vertices.lattice[vertex]
+            corners[turn, 2] = vertices.values[vertex]
+        (ax, ay, a), (bx, by, b), (cx, cy, c) = corners[0], corners[1], corners[2]
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area == 0.0:
+            continue
+        low, high = min(a, b, c), max(a, b, c)
+        across = ((b - a) * (cy - ay) - (c - a) * (by - ay)) / area
+        down = ((bx - ax) * (c - a) - (cx - ax) * (b - a)) / area
+        slope = _HALF * (abs(across) + abs(down))
+        for j in range(max(int(min(ay, by, cy)), 0), min(int(np.ceil(max(ay, by, cy))), height)):
+            for i in range(max(int(min(ax, bx, cx)), 0), min(int(np.ceil(max(ax, bx, cx))), width)):
+                w = inverse[j, i]
+                if w == 0.0:
+                    continue
+                drawn = a + across * (i + 0.5 - ax) + down * (j + 0.5 - ay)
+                # A cheap look first: all of the texel, but no more than the triangle has.
+                least, largest = min(max(drawn - slope, low), high), max(min(drawn + slope, high), low)
+                if surely_within(most, w, least, reach) and surely_within(most, w, largest, reach):
+                    continue
+                least, largest = _drawn_within(corners, i, j)
+                ux, uy = (intrinsics.left + i + 0.5) / intrinsics.focal, -(intrinsics.top + j + 0.5) / intrinsics.focal
+                if least < w and not surely_within(most, w, least, reach):
+                    most = max(most, parted_at_most(ux, uy, w, least, blur, viewers, most))
+                if largest > w and not surely_within(most, w, largest, reach):
+                    most = max(most, parted_at_most(ux, uy, w, largest, blur, viewers, most))
     return most
+
+
+@kernel(error_model="numpy")
+def _drawn_within(corners: NDArray[np.float64], i: int, j: int) -> tuple[float, float]:
+    """The least and the largest 1/z of a triangle with these ``corners`` (3, 3), x and y in texels and 1/z, within a texel.
+
+    A linear function is least and largest at corners of what both share: where sides of the triangle are in the texel or leave
+    it, and corners of the texel in the triangle. Infinity and 0 where both share nothing.
+    """
+    least, largest = np.inf, 0.0
+    x, y = i + 0.5, j + 0.5
+    for turn in range(3):
+        ax, ay, a = corners[turn]
+        bx, by, b = corners[(turn + 1) % 3]
+        enter, leave = 0.0, 1.0
+        for axis in range(2):
+            start, step = (ax - x, bx - ax) if axis == 0 else (ay - y, by - ay)
+            if abs(step) < 1e-9:
+                if abs(start) > _HALF:
+                    leave = -1.0
+                continue
+            one, other = (-_HALF - start) / step, (_HALF - start) / step
+            enter, leave = max(enter, min(one, other)), min(leave, max(one, other))
+        if enter <= leave:
+            for t in (enter, leave):
+                least, largest = min(least, a + t * (b - a)), max(largest, a + t * (b - a))
+    (ax, ay, a), (bx, by, b), (cx, cy, c) = corners[0], corners[1], corners[2]
+    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    for corner in range(4):
+        px, py = x + (_HALF if corner & 1 else -_HALF) - ax, y + (_HALF if corner & 2 else -_HALF) - ay
+        s, t = (px * (cy - ay) - py * (cx - ax)) / area, ((bx - ax) * py - (by - ay) * px) / area
+        if s >= 0.0 and t >= 0.0 and s + t <= 1.0:
+            drawn = a + s * (b - a) + t * (c - a)
+            least, largest = min(least, drawn), max(largest, drawn)
+    return least, largest

@@ -24,7 +24,26 @@ from mmi.capture.layer_values import DepthTexture, GridMesh
 from mmi.foundation.kernels import kernel
 from mmi.foundation.ray_chords import chord
 from mmi.meshing.displacement import Captured, as_seen
+from mmi.meshing.tears import (
+    JOINED,
+    LOWER_LEFT,
+    LOWER_RIGHT,
+    UNKNOWN,
+    UPPER_LEFT,
+    UPPER_RIGHT,
+    Lattice,
+    Tears,
+    beside,
+    filled,
+    may_join,
+    range_of,
+    surface_of,
+    surfaces_at,
+    used_by,
+    used_on_side,
+)
 from mmi.meshing.triangulation import UV_ERROR, stretch, triangulated
+from mmi.parallax.from_anywhere import Viewers
 
 __all__ = ["grid_mesh"]
 
@@ -33,28 +52,34 @@ _REACH = 3  # texels around a vertex that its depth is fitted to
 _ONE_SURFACE = 0.01  # relative difference of depths between neighbouring texels of one surface, at most
 
 
-def grid_mesh(texture: DepthTexture, *, viewpoints: NDArray[np.float64], tolerance: float) -> GridMesh:
+def grid_mesh(
+    texture: DepthTexture, *, viewpoints: NDArray[np.float64], tolerance: float, viewers: Viewers, widest: float
+) -> GridMesh:
     """The mesh of one depth texture, off by at most about ``tolerance`` radians as seen from ``viewpoints`` (k, 3).
 
     A rectangle between its four corners is off by no more than that; vertices of others on its sides may add as much again.
     Where depth jumps from one texel to the next, the mesh stretches between the two, and texels next to the jump may be
-    displaced by as much as it is; :func:`mmi.meshing.displacement.displacement` measures what remains. Raises ValueError where
+    displaced by as much as it is; a jump that some of the ``viewers`` may see wider than ``widest`` radians tears it instead
+    (:mod:`mmi.meshing.tears`). :func:`mmi.meshing.displacement.displacement` bounds what remains. Raises ValueError where
     nothing is covered.
     """
     if not texture.coverage.any():
         raise ValueError("a depth texture that shows something expected, found an empty one")
     left, top, width, height = texture.view.window
-    lattice, triangles, values = _mesh(as_seen(texture, viewpoints), 2.0 * np.sin(0.5 * tolerance))
+    captured = as_seen(texture, viewpoints)
+    tears = Tears(filled(captured.inverse), viewers, 2.0 * np.sin(0.5 * min(widest, np.pi)))
+    lattice, triangles, values = _mesh(captured, tears, 2.0 * np.sin(0.5 * tolerance))
     vertices = texture.view.unproject(left + lattice[:, 0], top + lattice[:, 1], 1.0 / values)
     uv = lattice / np.array([width, height])
     return GridMesh(vertices.astype(np.float32), uv.astype(np.float32), triangles)
 
 
 @kernel(error_model="numpy")
-def _value(inverse: NDArray[np.float64], x: int, y: int) -> float:
+def _value(inverse: NDArray[np.float64], x: int, y: int, least: float, most: float) -> float:
     """1/z at the corner (x, y) of texels: on the plane of the texels around it that belong to the nearest one's surface.
 
-    Of equally near texels, the front-most counts. Where nothing is within reach, the nearest in growing squares counts.
+    The nearest is one of those with 1/z from ``least`` to ``most``. Of equally near texels, the front-most counts. Where
+    nothing is within reach, the nearest in growing squares counts.
     """
     height, width = inverse.shape
     reach, seed_x, seed_y = 1, -1, -1
@@ -62,7 +87,7 @@ def _value(inverse: NDArray[np.float64], x: int, y: int) -> float:
         best, front = 1e300, 0.0
         for j in range(max(y - reach, 0), min(y + reach, height)):
             for i in range(max(x - reach, 0), min(x + reach, width)):
-                if inverse[j, i] > 0.0:
+                if inverse[j, i] > 0.0 and least <= inverse[j, i] <= most:
                     square = (i + 0.5 - x) ** 2 + (j + 0.5 - y) ** 2
                     if square < best - 1e-9 or (square < best + 1e-9 and inverse[j, i] > front):
                         best, front, seed_x, seed_y = min(square, best), inverse[j, i], i, j
@@ -103,6 +128,27 @@ def _value(inverse: NDArray[np.float64], x: int, y: int) -> float:
     # As far beyond the texels as the corner lies beyond them.
     far = max(abs(seed_x + 0.5 - x), abs(seed_y + 0.5 - y)) / _REACH
     return min(max(found, low - spread * max(far, 1.0), 0.5 * low), high + spread * max(far, 1.0))
+
+
+@kernel(error_model="numpy")
+def _known(lattice: Lattice, captured: Captured, tears: Tears, x: int, y: int, texel: int) -> float:
+    """1/z at the corner (x, y) of texels on the surface of one of the texels around it; kept in the ``lattice``."""
+    surfaces, values = lattice
+    if surfaces[y, x] == UNKNOWN:
+        surfaces[y, x] = surfaces_at(x, y, tears, captured.intrinsics)
+    at = surface_of(surfaces[y, x], texel)
+    if values[y, x, at] == 0.0:
+        least, most = range_of(x, y, tears, surfaces[y, x], at)
+        torn = surfaces[y, x] != JOINED
+        value = _value(captured.inverse, x, y, least if torn else 0.0, most if torn else np.inf)
+        # Beyond the texels around it a plane may lead far away from them: no farther than what is joined.
+        if most > 0.0 and not (
+            may_join(x, y, value, least, tears, captured.intrinsics)
+            and may_join(x, y, value, most, tears, captured.intrinsics)
+        ):
+            value = min(max(value, least), most)
+        values[y, x, at] = value
+    return values[y, x, at]
 
 
 @kernel()
@@ -234,7 +280,7 @@ def _cut(inverse: NDArray[np.float64], box: tuple[int, int, int, int], at: tuple
 @kernel(error_model="numpy")
 def _cut_beside(
     box: tuple[int, int, int, int],
-    known: NDArray[np.float64],
+    lattice: Lattice,
     used: NDArray[np.int32],
     captured: Captured,
     tolerance: float,
@@ -251,17 +297,21 @@ def _cut_beside(
         fixed = (y0, y1, x0, x1)[side]
         start, end = (x0, x1) if level else (y0, y1)
         thick = y1 - y0 if level else x1 - x0
-        first = known[fixed, start] if level else known[start, fixed]
-        last = known[fixed, end] if level else known[end, fixed]
+        before, behind = beside(side)
+        ends = (start, fixed, end, fixed) if level else (fixed, start, fixed, end)
+        first = lattice.values[ends[1], ends[0], surface_of(lattice.surfaces[ends[1], ends[0]], behind)]
+        last = lattice.values[ends[3], ends[2], surface_of(lattice.surfaces[ends[3], ends[2]], before)]
         for k in range(start + 1, end):
             x, y = (k, fixed) if level else (fixed, k)
-            if used[y, x] < 0:
+            surface = used_on_side(lattice, used, x, y, side)
+            if surface < 0:
                 continue
+            value = lattice.values[y, x, surface]
             straight = first + (last - first) * (k - start) / (end - start)
-            off = abs(straight - known[y, x]) / straight
+            off = abs(straight - value) / straight
             if off <= max(most, 1e-6):
                 continue
-            if chord(x, y, straight, known[y, x], captured.intrinsics, captured.offsets) > tolerance:
+            if chord(x, y, straight, value, captured.intrinsics, captured.offsets) > tolerance:
                 most = off
                 strip = fixed + 1 if side % 2 == 0 else fixed - 1
                 found = (not level, strip) if thick > 1 else (level, k)
@@ -278,7 +328,9 @@ def _halves(box: tuple[int, int, int, int], across: bool, where: int) -> list[tu
 
 
 @kernel(error_model="numpy")
-def _mesh(captured: Captured, tolerance: float) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+def _mesh(
+    captured: Captured, tears: Tears, tolerance: float
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
     """Vertices on the lattice of texel corners (n, 2), triangles (m, 3), and the vertices' 1/z (n,)."""
     inverse = captured.inverse
     height, width = inverse.shape
@@ -287,8 +339,8 @@ def _mesh(captured: Captured, tolerance: float) -> tuple[NDArray[np.float64], ND
         for i in range(width):
             if inverse[j, i] > 0.0:
                 covered[max(j - 1, 0) : j + 2, max(i - 1, 0) : i + 2] = True
-    known = np.zeros((height + 1, width + 1))
-    used = np.full((height + 1, width + 1), -1, dtype=np.int32)
+    lattice = Lattice(np.full((height + 1, width + 1), UNKNOWN, np.uint8), np.zeros((height + 1, width + 1, 4)))
+    used = np.full((height + 1, width + 1, 4), -1, dtype=np.int32)
     stack = [(0, 0, 0, 0)]
     stack.pop()
     for y in range(0, height, _LARGEST):
@@ -302,11 +354,12 @@ def _mesh(captured: Captured, tolerance: float) -> tuple[NDArray[np.float64], ND
             x0, y0, x1, y1 = box
             if x1 == x0:
                 continue
-            for y in (y0, y1):
-                for x in (x0, x1):
-                    if known[y, x] == 0.0:
-                        known[y, x] = _value(inverse, x, y)
-            corners = (known[y0, x0], known[y0, x1], known[y1, x0], known[y1, x1])
+            corners = (
+                _known(lattice, captured, tears, x0, y0, LOWER_RIGHT),
+                _known(lattice, captured, tears, x1, y0, LOWER_LEFT),
+                _known(lattice, captured, tears, x0, y1, UPPER_RIGHT),
+                _known(lattice, captured, tears, x1, y1, UPPER_LEFT),
+            )
             across, where = True, -1
             in_x, in_y = _stretched(box, corners)
             if in_x and x1 - x0 > 1:
@@ -322,15 +375,15 @@ def _mesh(captured: Captured, tolerance: float) -> tuple[NDArray[np.float64], ND
                 stack.extend(_halves(box, across, where))
         # Vertices of others on a leaf's sides pull its surface towards theirs: where that is too far, it is cut there.
         used[:] = -1
-        for x0, y0, x1, y1 in leaves:
-            used[y0, x0] = used[y0, x1] = used[y1, x0] = used[y1, x1] = 0
+        for box in leaves:
+            used_by(lattice, box, used)
         kept = [(0, 0, 0, 0)]
         kept.pop()
         for box in leaves:
-            across, where = _cut_beside(box, known, used, captured, tolerance)
+            across, where = _cut_beside(box, lattice, used, captured, tolerance)
             if where < 0:
                 kept.append(box)
             else:
                 stack.extend(_halves(box, across, where))
         leaves = kept
-    return triangulated(captured, leaves, known, tolerance)
+    return triangulated(captured, leaves, lattice, tolerance)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mmi.foundation.kernels import kernel
 from mmi.meshing.displacement import Captured, Vertices, displaced_by
+from mmi.meshing.tears import UPPER_LEFT, Lattice, beside, surface_of, used_by, used_on_side
 
 __all__ = ["UV_ERROR", "stretch", "triangulated"]
 
@@ -29,59 +30,47 @@ def stretch(length: float, one: float, other: float) -> float:
 
 @kernel(error_model="numpy")
 def triangulated(
-    captured: Captured, boxes: list[tuple[int, int, int, int]], known: NDArray[np.float64], tolerance: float
+    captured: Captured, boxes: list[tuple[int, int, int, int]], corners: Lattice, tolerance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
     """Vertices (n, 2) on the lattice of texel corners and in the middle of boxes, triangles (m, 3), and the vertices' 1/z (n,).
 
-    ``boxes`` (x0, y0, x1, y1) do not overlap; ``known`` (h + 1, w + 1) is 1/z at texel corners, at least at those of boxes.
+    ``boxes`` (x0, y0, x1, y1) do not overlap; of ``corners`` those of boxes are known. A corner has a vertex for each surface.
     ``tolerance`` is a chord (:func:`mmi.foundation.ray_chords.chord`).
     """
     height, width = captured.inverse.shape
-    used = np.full((height + 1, width + 1), -1, dtype=np.int32)
-    for x0, y0, x1, y1 in boxes:
-        used[y0, x0] = used[y0, x1] = used[y1, x0] = used[y1, x1] = 0
+    used = np.full((height + 1, width + 1, 4), -1, dtype=np.int32)
+    for box in boxes:
+        used_by(corners, box, used)
     count, longest = 0, 0
     for y in range(height + 1):
         for x in range(width + 1):
-            if used[y, x] == 0:
-                used[y, x] = count
-                count += 1
+            for surface in range(4):
+                if used[y, x, surface] == 0:
+                    used[y, x, surface] = count
+                    count += 1
     vertices = Vertices(np.empty((count + len(boxes), 2)), np.empty(count + len(boxes)))
     lattice, values = vertices.lattice, vertices.values
     for y in range(height + 1):
         for x in range(width + 1):
-            if used[y, x] >= 0:
-                lattice[used[y, x], 0], lattice[used[y, x], 1], values[used[y, x]] = x, y, known[y, x]
+            for surface in range(4):
+                at = used[y, x, surface]
+                if at >= 0:
+                    lattice[at, 0], lattice[at, 1], values[at] = x, y, corners.values[y, x, surface]
     for x0, y0, x1, y1 in boxes:
         longest = max(longest, x1 - x0 + y1 - y0)
     triangles = [(np.int32(0), np.int32(0), np.int32(0))]
     triangles.pop()
     ring = np.empty(2 * longest, dtype=np.int32)
-    for x0, y0, x1, y1 in boxes:
-        around = 0  # counter-clockwise as seen from the capture, where y grows downwards
-        for y in range(y0, y1):
-            if used[y, x0] >= 0:
-                ring[around] = used[y, x0]
-                around += 1
-        for x in range(x0, x1):
-            if used[y1, x] >= 0:
-                ring[around] = used[y1, x]
-                around += 1
-        for y in range(y1, y0, -1):
-            if used[y, x1] >= 0:
-                ring[around] = used[y, x1]
-                around += 1
-        for x in range(x1, x0, -1):
-            if used[y0, x] >= 0:
-                ring[around] = used[y0, x]
-                around += 1
+    for box in boxes:
+        x0, y0, x1, y1 = box
+        around = _ring(corners, used, box, ring)
         if around == 4:
             triangles.append((ring[0], ring[1], ring[2]))
             triangles.append((ring[0], ring[2], ring[3]))
             continue
         # The middle is where it would be without the others' vertices: on the diagonal. Mostly, one of these will do instead.
         lattice[count, 0], lattice[count, 1] = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
-        values[count] = 0.5 * (known[y0, x0] + known[y1, x1])
+        values[count] = 0.5 * (values[ring[0]] + values[used[y1, x1, surface_of(corners.surfaces[y1, x1], UPPER_LEFT)]])
         apex = _apex(captured, vertices, ring[:around], count, tolerance)
         if apex < 0:
             for k in range(around):
@@ -90,10 +79,36 @@ def triangulated(
             continue
         for k in range(apex + 1, apex + around - 1):
             triangles.append((ring[k % around], ring[(k + 1) % around], ring[apex]))  # noqa: PERF401 (Numba)
-    corners_of = np.empty((len(triangles), 3), dtype=np.int32)
+    rows = np.empty((len(triangles), 3), dtype=np.int32)
     for k in range(len(triangles)):
-        corners_of[k, 0], corners_of[k, 1], corners_of[k, 2] = triangles[k]
-    return lattice[:count], corners_of, values[:count]
+        rows[k, 0], rows[k, 1], rows[k, 2] = triangles[k]
+    return lattice[:count], rows, values[:count]
+
+
+@kernel()
+def _ring(corners: Lattice, used: NDArray[np.int32], box: tuple[int, int, int, int], ring: NDArray[np.int32]) -> int:
+    """Sets ``ring`` to the vertices of its own surfaces around a box, counter-clockwise as seen from the capture.
+
+    The upper left one is the first. Returns how many they are.
+    """
+    x0, y0, x1, y1 = box
+    around = 0
+    for side in (2, 1, 3, 0):  # where y grows downwards
+        level, forth = side < 2, side in (2, 1)
+        fixed = (y0, y1, x0, x1)[side]
+        start, end = (x0, x1) if level else (y0, y1)
+        before, behind = beside(side)
+        for step in range(end - start):
+            k = start + step if forth else end - step
+            x, y = (k, fixed) if level else (fixed, k)
+            if step == 0:
+                surface = surface_of(corners.surfaces[y, x], behind if forth else before)
+            else:
+                surface = used_on_side(corners, used, x, y, side)
+            if surface >= 0:
+                ring[around] = used[y, x, surface]
+                around += 1
+    return around
 
 
 @kernel(error_model="numpy")

@@ -28,6 +28,7 @@ from mmi.foundation.camera import Camera
 from mmi.foundation.errors import DatasetError
 from mmi.meshing.displacement import displacement
 from mmi.meshing.ordering import CapturedLayer, out_of_order
+from mmi.parallax.from_anywhere import viewers_of
 from mmi.planning.parameters import BuildParameters
 from mmi.planning.plan import prepare_city
 
@@ -114,11 +115,13 @@ def test_the_exr_holds_depth_and_ids_for_other_programs(built, cell):
 
 
 def test_the_manifest_says_how_far_meshes_displace_texels(built, cell):
-    scene = prepare_city(crossroads(), PARAMETERS)
+    scene, least = prepare_city(crossroads(), PARAMETERS), 0.25 * PARAMETERS.max_angle
     with Capturer(scene.mesh) as capturer:
         captured = build_cell(scene, built.cell(cell).viewing_cell, capturer)
-    seen_from = np.column_stack([captured.cell.corners, np.full(4, captured.cell.reference[2])])
-    worst = max(displacement(one.texture, one.mesh, seen_from) for one in captured.layers)
+    worst = max(
+        displacement(one.texture, one.mesh, viewers_of(captured.cell, one.texture.view), least=least)
+        for one in captured.layers
+    )
     assert built.cell(cell).displacement_px == pytest.approx(PARAMETERS.camera.pixels_from_angle(worst))
     assert 0.0 < built.cell(cell).displacement_px
     assert built.cell(cell).largest_weight_px <= built.cell(cell).promised_error_px == PARAMETERS.max_error_px

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 
 from mmi.capture.layer_values import DepthTexture, Layer
+from mmi.cells.viewing_cells import ViewingCell
 from mmi.foundation.camera import level_view
 from mmi.inspection.layer_sheets import dataset_histograms, layer_sheet
 from mmi.meshing.grid_mesh import grid_mesh
+from mmi.parallax.from_anywhere import viewers_of
 
 
 def layer_of(index, *, sector=0, width=128, height=64, near=50.0):
@@ -21,7 +25,9 @@ def layer_of(index, *, sector=0, width=128, height=64, near=50.0):
     depth[inner] = np.linspace(near, near + 30.0, width)[inner[1]]
     ids = np.where(np.isfinite(depth), index, -1).astype(np.int32)
     texture = DepthTexture(view, color, depth, ids)
-    mesh = grid_mesh(texture, viewpoints=view.eye + np.array([[0.0, -20.0, 0.0], [0.0, 20.0, 0.0]]), tolerance=0.01)
+    aside = view.eye + np.array([[0.0, -20.0, 0.0], [0.0, 20.0, 0.0]])
+    viewers = viewers_of(ViewingCell("", (0.0, -20.0), (0.0, 20.0), 1.0, (1.7, 1.7)), view)
+    mesh = grid_mesh(texture, viewpoints=aside, tolerance=0.01, viewers=viewers, widest=math.pi)
     return Layer(index, sector, 0, np.array([index]), texture, mesh, 0.0)
 
 

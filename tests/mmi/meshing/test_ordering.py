@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from mmi.capture.layer_values import DepthTexture
+from mmi.cells.viewing_cells import ViewingCell
 from mmi.city.terrain import Terrain
 from mmi.foundation.camera import level_view
 from mmi.meshing.grid_mesh import grid_mesh
 from mmi.meshing.ordering import CapturedLayer, out_of_order
+from mmi.parallax.from_anywhere import viewers_of
 
 ANGLE = 10.0 / 443.0
 
@@ -29,7 +31,9 @@ def captured(layer, view, depth):
     ids = np.where(np.isfinite(depth), 0, -1).astype(np.int32)
     texture = DepthTexture(view, np.zeros((*depth.shape, 3), np.uint8), depth.astype(np.float32), ids)
     cell = view.eye + [[x, y, 0.0] for x in (-20.0, 20.0) for y in (-3.0, 3.0)]
-    mesh = grid_mesh(texture, viewpoints=cell, tolerance=0.5 * ANGLE)
+    x, y, z = view.eye
+    region = ViewingCell("", (x - 20.0, y), (x + 20.0, y), 3.0, (z, z))
+    mesh = grid_mesh(texture, viewpoints=cell, tolerance=0.5 * ANGLE, viewers=viewers_of(region, view), widest=math.pi)
     return CapturedLayer(layer, view, mesh, texture.depth)
 
 

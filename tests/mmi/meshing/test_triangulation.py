@@ -8,6 +8,7 @@ from numba.typed import List
 
 from mmi.foundation.ray_chords import Intrinsics
 from mmi.meshing.displacement import Captured
+from mmi.meshing.tears import JOINED, LOWER_LEFT, LOWER_RIGHT, UPPER_LEFT, UPPER_RIGHT, Lattice
 from mmi.meshing.triangulation import triangulated
 
 INTRINSICS = Intrinsics(-16.0, -16.0, 100.0)
@@ -20,7 +21,9 @@ def boxes_of(*boxes):
 
 
 def run(inverse, known, *boxes, tolerance=1e-3):
-    return triangulated(Captured(inverse, INTRINSICS, OFFSETS), boxes_of(*boxes), known, tolerance)
+    """Of one surface: all texels around a corner share what is ``known`` there."""
+    corners = Lattice(np.full(known.shape, JOINED, np.uint8), np.repeat(known[..., None], 4, axis=2))
+    return triangulated(Captured(inverse, INTRINSICS, OFFSETS), boxes_of(*boxes), corners, tolerance)
 
 
 def plane(side=32, across=0.0, down=0.0):
@@ -78,6 +81,23 @@ def strictly_on(lattice, box, side):
     (x, y), (x0, y0, x1, y1) = lattice.T, box
     level, upright = (x0 < x) & (x < x1), (y0 < y) & (y < y1)
     return ((y == y0) & level, (x == x1) & upright, (y == y1) & level, (x == x0) & upright)[side]
+
+
+def test_rectangles_of_two_surfaces_share_no_vertex():
+    """The right one lies on another surface from the third row on: below, each has a vertex of its own at every corner."""
+    surfaces = np.full((9, 9), JOINED, dtype=np.uint8)
+    surfaces[2:, 4] = UPPER_RIGHT << 2 * UPPER_RIGHT | UPPER_LEFT << 2 * LOWER_LEFT | UPPER_RIGHT << 2 * LOWER_RIGHT
+    values = np.full((9, 9, 4), 0.02)
+    values[2:, 4, UPPER_RIGHT] = 0.03
+    captured = Captured(np.full((8, 8), 0.02), INTRINSICS, OFFSETS)
+    boxes = boxes_of((0, 0, 4, 2), (4, 0, 8, 2), (0, 2, 4, 5), (4, 2, 8, 8), (0, 5, 4, 8))
+    lattice, triangles, found = triangulated(captured, boxes, Lattice(surfaces, values), 1e-3)
+    on = {y: sorted(found[(lattice == [4, y]).all(axis=1)].tolist()) for y in (0, 2, 5, 8)}
+    assert on == {0: [0.02], 2: [0.02, 0.03], 5: [0.02], 8: [0.02, 0.03]}
+    middles = lattice[triangles].mean(axis=1)
+    right = (middles[:, 0] > 4.0) & (middles[:, 1] > 2.0)
+    assert not np.isin(triangles[right], triangles[(middles[:, 0] < 4.0)]).any()
+    assert math.isclose(areas(lattice, triangles).sum(), 64.0)
 
 
 def test_a_crowded_rectangle_has_its_middle():

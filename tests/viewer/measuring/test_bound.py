@@ -9,7 +9,7 @@ captured depth only where that may make a difference (:mod:`mmi.meshing.ordering
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -335,6 +335,31 @@ def prisms(seed):
     return city_from(solids_from(np.random.default_rng(seed), 14), cell_along_x(40.0, 3.0))
 
 
+def party_wall():
+    """Two parts of a block, and a house whose end hides that of the wall between both from the reference, all but two texels.
+
+    Nobody sees the wall, but the nearer part, which covers it, is too far behind the house to be in one layer with it. So the
+    layer of the house and the farther part has two texels of the wall, far behind the house and beside it.
+    """
+    house = [(0.0, 0.0), (12.9, 12.9), (22.8, 22.6), (15.2, 30.6), (-12.9, 8.9)]
+    step, wide = np.array([14.14, 21.31]), np.array([-23.95, 16.85])
+    corner = np.array([87.03, 108.11])
+
+    def part(name, first, last):
+        corners = [
+            corner + first * step,
+            corner + last * step,
+            corner + last * step + wide,
+            corner + first * step + wide,
+        ]
+        return solid(
+            name, turned(shapely.affinity.translate(shapely.Polygon(corners), 40.01, 62.48), -36.155, 0.0, 0.0), 17.6
+        )
+
+    front = turned(shapely.affinity.translate(shapely.Polygon(house), 40.01, 62.48), -36.155, 0.0, 0.0)
+    return city_of(solid("house", front, 16.0), part("near part", -1.0, 0.0), part("far part", 0.0, 1.0))
+
+
 def slab():
     """A terrace low enough that all of its roof is seen, also where the walls behind it face away."""
     return city_of(block("slab", -40.0, -40.0, 20.0, -12.0, 0.4))
@@ -426,6 +451,28 @@ def test_it_holds_for_parts_of_long_objects(name, threshold):
     near = {cut.objects[i].part_of or cut.objects[i].id for i in impostor.near}
     assert near <= {city.objects[i].id for i in whole.near}
     assert near & {cut.objects[i].part_of for i in impostor.far}
+
+
+def corner_views(cell, headings):
+    """Views from the corners of a cell."""
+    for x, y in cell.corners:
+        for azimuth in headings:
+            yield level_view(np.array([x, y, cell.eye[1]]), azimuth, focal=CAMERA.focal, window=CAMERA.window)
+
+
+def test_no_sheet_hangs_between_a_house_and_what_nobody_sees():
+    """From a corner of the cell it would be 12 px wide. Here the nearer part hides it, so layers are looked at alone."""
+    city, cell = party_wall(), cell_along_x(29.6, 6.0)
+    impostor = built(city, cell, 5.0, layering="largest-first")
+    assert any({0, 2} <= set(layer.objects.tolist()) and 1 not in layer.objects for layer in impostor.layers)
+    for view in corner_views(cell, np.radians([0.0, 20.0, 40.0])):
+        picture = compare(city, impostor, view)
+        assert thickness(picture.truth != picture.shown) <= 7.0
+        for layer in impostor.layers:
+            nothing = np.full(picture.shown.shape, np.inf), np.full(picture.shown.shape, -1)
+            alone = draw_layers(replace(impostor, layers=(layer,)), view, *nothing)
+            assert CAMERA.pixels_from_angle(float(alone.max())) <= 5.0
+    assert impostor.promise.error_px == 5.0 and impostor.promise.displacement_px <= 5.0
 
 
 def gaps(city, impostor, *, views):
