@@ -69,8 +69,8 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A view and its errors in pixels. ``square`` is the side of the largest square of wrong pixels; ``thick`` and ``beyond``
-    are 0 where that is too small for a region above the limit.
+    """A view and its errors in pixels. ``square`` is the side of the largest square of wrong pixels; ``thick`` is 0 where that
+    is too small to matter, and ``beyond`` where nothing is above the limit.
     """
 
     cell: str
@@ -91,8 +91,8 @@ class Hunter:
         self._side = smallest_square(self.limit)
         self.views = 0
 
-    def measure(self, cell: str, pose: Pose) -> Found:
-        """The errors of a view."""
+    def measure(self, cell: str, pose: Pose, known: int = 0) -> Found:
+        """The errors of a view. How thick regions are is measured where it may be above the limit, or above ``known`` squares."""
         camera, view = self.scene.camera, pose.view(self.scene.camera)
         frames = self._draw(cell, view)
         self.views += 1
@@ -102,7 +102,7 @@ class Hunter:
         displaced = camera.pixels_from_angle(min(float(angles.max(initial=0.0)), 1.5))
         wrong = wrong_regions(*frames).wrong
         square, thick, beyond = largest_square(wrong), 0.0, 0.0
-        if square >= self._side:
+        if square >= self._side or square > known:
             thick = thickness(wrong)
             if thick > self.limit:
                 beyond = beyond_a_pixel(lambda finer: self._draw(cell, finer), view, frames, self.limit)
@@ -161,12 +161,15 @@ def starts() -> Iterator[Place]:
 
 def worse(found: Found, *, by_thickness: bool) -> tuple[float, ...]:
     """What a search makes as large as it can."""
-    return (found.beyond, found.thick, found.square) if by_thickness else (found.displaced,)
+    return (found.beyond, found.square, found.thick) if by_thickness else (found.displaced,)
 
 
 def hunt(hunter: Hunter, cell: ViewingCell) -> list[Found]:
     """All views that a hunt through a cell measures."""
-    seen = [(place, hunter.measure(cell.id, pose_at(cell, place))) for place in starts()]
+    seen: list[tuple[Place, Found]] = []
+    for place in starts():
+        known = max((found.square for _, found in seen), default=0)
+        seen.append((place, hunter.measure(cell.id, pose_at(cell, place), known)))
     for by_thickness in (False, True):
         place, best = max(seen, key=lambda one: worse(one[1], by_thickness=by_thickness))
         step, left = 1.0, SEARCHED
@@ -185,7 +188,7 @@ def hunt(hunter: Hunter, cell: ViewingCell) -> list[Found]:
                 if move == place or left == 0:
                     continue
                 left -= 1
-                found = hunter.measure(cell.id, pose_at(cell, move))
+                found = hunter.measure(cell.id, pose_at(cell, move), max(one.square for _, one in seen))
                 seen.append((move, found))
                 if worse(found, by_thickness=by_thickness) > worse(best, by_thickness=by_thickness):
                     place, best = move, found
@@ -220,7 +223,7 @@ def row(found: list[Found], limit: float) -> str:
     return (
         f"{len(found)} | {max(one.displaced for one in found):.1f} | "
         f"{sum(one.displaced > limit - 2.0 + ROUNDING for one in found)} | "
-        f"{max(thick, default=0.0) or '-'} | {sum(one.thick > limit for one in found)} | "
+        f"{max(thick, default=0.0):.1f} | {sum(one.thick > limit for one in found)} | "
         f"{sum(one.beyond > limit for one in found)}"
     )
 
@@ -243,7 +246,10 @@ def hunt_all(
             found = hunt(hunter, cell)
             hunted += found
             views = random_views([cell], len(found), seed=seed + done, terrain=hunter.scene.terrain)
-            random += [hunter.measure(cell.id, pose) for _, pose in views]
+            known = 0
+            for _, pose in views:
+                random.append(hunter.measure(cell.id, pose, known))
+                known = max(known, random[-1].square)
             worst += {
                 id(one): one
                 for one in (max(found, key=lambda f: worse(f, by_thickness=kind)) for kind in (False, True))

@@ -70,7 +70,7 @@ class Layer:
 
     Others that touch those show in rims of a texel (:mod:`mmi.capture.rims`).
     A layer whose objects leave wide gaps between them has several pieces in a sector (``piece`` 0, 1, ... from left to right).
-    ``displacement`` is how far its mesh draws a texel from where it was captured, radians, at most, from the cell's corners.
+    ``displacement`` bounds how far its mesh draws any of a texel from where that was captured, from all of the cell; radians.
     The mesh's first ``in_order`` triangles can be drawn as they are; others need captured depths (:mod:`mmi.meshing.ordering`).
     """
 
@@ -136,8 +136,8 @@ class Promise:
     ``error_px`` is how thick a wrong region may be from anywhere in the cell (but for two pixels of the rasters), or None,
     where something is not bounded; ``withheld`` then says what. ``largest_weight_px`` is the largest weight of two objects
     that share a layer, or self-parallax; ``missed_px`` how thick a region the layers may miss together, where that is
-    bounded; ``displacement_px`` the largest displacement of a layer. Raises ValueError where it neither promises nor says
-    why not.
+    bounded; ``displacement_px`` the largest of the layers' bounds on displacement. Raises ValueError where it neither promises
+    nor says why not.
     """
 
     error_px: float | None
