@@ -92,7 +92,7 @@ class Hunter:
         self.views = 0
 
     def measure(self, cell: str, pose: Pose, known: int = 0) -> Found:
-        """The errors of a view. How thick regions are is measured where it may be above the limit, or above ``known`` squares."""
+        """The errors of a view; thickness where that may be above the limit, or above that of a square of ``known`` pixels."""
         camera, view = self.scene.camera, pose.view(self.scene.camera)
         frames = self._draw(cell, view)
         self.views += 1
