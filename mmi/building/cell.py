@@ -160,7 +160,7 @@ def _promise(prepared: PreparedCity, plan: CellPlan, layers: Sequence[Layer]) ->
     elif detailed:
         withheld = "detailed meshes are in sight, whose own roofs and window reveals are not bounded"
     elif displaced > limit:
-        withheld = f"a mesh displaces what it shows by {displaced:.1f} px, {limit:g} px were asked for"
+        withheld = f"a mesh may displace what it shows by {displaced:.1f} px, {limit:g} px were asked for"
     elif plan.missed is not None and plan.missed > limit:
         withheld = f"layers miss a region {plan.missed:.1f} px thick, {limit:g} px were asked for"
     return Promise(

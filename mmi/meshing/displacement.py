@@ -1,4 +1,4 @@
-"""How far a mesh draws captured texels from where they are, as seen from anywhere in a cell."""
+"""How far a mesh draws captured texels from where they are: at most, for all viewers of a cell; or for some viewpoints."""
 
 from __future__ import annotations
 

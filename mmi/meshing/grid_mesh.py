@@ -8,7 +8,8 @@ mesh reaches a texel beyond them.
 
 Vertices sit on capture rays, on the plane through the texels around them that belong to one surface. Rectangles meet others
 along parts of their sides; each is triangulated with all vertices on its outline, so there are no cracks
-(``mmi.meshing.triangulation``).
+(``mmi.meshing.triangulation``). Only where two surfaces are farther apart than may be joined do they have vertices of their own
+(``mmi.meshing.tears``).
 
 Texture coordinates are stored per vertex, and a graphics card interpolates them perspectively, which over a triangle whose
 corners differ in depth is not what the capture saw. Rectangles are cut until the difference is about a texel.
