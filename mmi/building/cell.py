@@ -64,6 +64,7 @@ def capture_layers(
                 wall_visibility=wall_visibility,
             )
         from_here = [view for _, view in views]
+        detailed = any(prepared.city.objects[i].mesh is not None for i in objects)
         ends = pairs[np.isin(pairs[:, 0], objects) & ~np.isin(pairs[:, 1], objects)]
         with (
             closing(capturer.captures(objects, from_here, supersample=samples)) as textures,
@@ -80,23 +81,37 @@ def capture_layers(
                     pieces = covered_pieces(whole, quad=parameters.quad, half_width=half_width)
                 for piece, texture in enumerate(pieces):
                     with watch.stage("meshing"):
-                        mesh, displaced = _meshed(texture, cell, viewpoints, parameters)
+                        mesh, displaced = _meshed(texture, cell, viewpoints, parameters, detailed=detailed)
                         shown = objects[np.isin(objects, texture.object_ids, kind="table")]
                     yield Layer(index, sector, piece, shown, texture, mesh, displaced)
 
 
 def _meshed(
-    texture: DepthTexture, cell: ViewingCell, viewpoints: NDArray[np.float64], parameters: BuildParameters
+    texture: DepthTexture,
+    cell: ViewingCell,
+    viewpoints: NDArray[np.float64],
+    parameters: BuildParameters,
+    *,
+    detailed: bool,
 ) -> tuple[GridMesh, float]:
     """The mesh of a picture, and an angle (radians) that no viewer in the cell sees any of it displaced by more than.
 
     Where something is to be bounded, that is the threshold at most, wherever tearing the mesh and cutting it finer can do it.
+    Prisms show nothing that changes by more than the threshold from texel to texel and goes on: what is left of that is torn,
+    unless there are ``detailed`` meshes, whose roofs do.
     """
     limit, viewers = parameters.max_angle, viewers_of(cell, texture.view)
     widest = limit if parameters.bounded else math.pi
     found: list[tuple[GridMesh, float]] = []
     for share in _MESH_SHARES if parameters.bounded else _MESH_SHARES[:1]:
-        mesh = grid_mesh(texture, viewpoints=viewpoints, tolerance=share * limit, viewers=viewers, widest=widest)
+        mesh = grid_mesh(
+            texture,
+            viewpoints=viewpoints,
+            tolerance=share * limit,
+            viewers=viewers,
+            widest=widest,
+            all_jumps=bool(found) and not detailed,
+        )
         found.append((mesh, displacement(texture, mesh, viewers, least=_WORTH_KNOWING * limit)))
         if found[-1][1] <= limit:
             break

@@ -54,21 +54,27 @@ _ONE_SURFACE = 0.01  # relative difference of depths between neighbouring texels
 
 
 def grid_mesh(
-    texture: DepthTexture, *, viewpoints: NDArray[np.float64], tolerance: float, viewers: Viewers, widest: float
+    texture: DepthTexture,
+    *,
+    viewpoints: NDArray[np.float64],
+    tolerance: float,
+    viewers: Viewers,
+    widest: float,
+    all_jumps: bool = False,
 ) -> GridMesh:
     """The mesh of one depth texture, off by at most about ``tolerance`` radians as seen from ``viewpoints`` (k, 3).
 
     A rectangle between its four corners is off by no more than that; vertices of others on its sides may add as much again.
     Where depth jumps from one texel to the next, the mesh stretches between the two, and texels next to the jump may be
     displaced by as much as it is; a jump that some of the ``viewers`` may see wider than ``widest`` radians tears it instead
-    (:mod:`mmi.meshing.tears`). :func:`mmi.meshing.displacement.displacement` bounds what remains. Raises ValueError where
-    nothing is covered.
+    (:mod:`mmi.meshing.tears`), and where ``all_jumps`` count also a surface along which the capture looks.
+    :func:`mmi.meshing.displacement.displacement` bounds what remains. Raises ValueError where nothing is covered.
     """
     if not texture.coverage.any():
         raise ValueError("a depth texture that shows something expected, found an empty one")
     left, top, width, height = texture.view.window
     captured = as_seen(texture, viewpoints)
-    tears = Tears(filled(captured.inverse), viewers, 2.0 * np.sin(0.5 * min(widest, np.pi)))
+    tears = Tears(filled(captured.inverse), viewers, 2.0 * np.sin(0.5 * min(widest, np.pi)), all_jumps)
     lattice, triangles, values = _mesh(captured, tears, 2.0 * np.sin(0.5 * tolerance))
     vertices = texture.view.unproject(left + lattice[:, 0], top + lattice[:, 1], 1.0 / values)
     uv = lattice / np.array([width, height])

@@ -50,12 +50,13 @@ _BENT = 0.1
 
 class Tears(NamedTuple):
     """What tearing goes by: ``surface`` (h, w), the 1/z of :func:`filled`; ``limit``, the largest chord across which a mesh
-    joins surfaces, seen by ``viewers``.
+    joins surfaces, seen by ``viewers``. Surfaces that go on are joined across any, unless ``all_jumps`` count.
     """
 
     surface: NDArray[np.float64]
     viewers: Viewers
     limit: float
+    all_jumps: bool
 
 
 class Lattice(NamedTuple):
@@ -147,9 +148,10 @@ def surfaces_at(x: int, y: int, tears: Tears, intrinsics: Intrinsics) -> int:
                 least, most = min(least, values[texel]), max(most, values[texel])
     if most == 0.0 or may_join(x, y, least, most, tears, intrinsics):
         return JOINED
-    level = _goes_on(surface, x - 1, y - 1, 1, 0) and _goes_on(surface, x - 1, y, 1, 0)
-    if level and _goes_on(surface, x - 1, y - 1, 0, 1) and _goes_on(surface, x, y - 1, 0, 1):
-        return JOINED
+    if not tears.all_jumps:
+        level = _goes_on(surface, x - 1, y - 1, 1, 0) and _goes_on(surface, x - 1, y, 1, 0)
+        if level and _goes_on(surface, x - 1, y - 1, 0, 1) and _goes_on(surface, x, y - 1, 0, 1):
+            return JOINED
     of[:] = -1
     first = True
     while True:

@@ -483,6 +483,15 @@ def test_a_surface_that_the_capture_looks_along_is_not_torn():
     texture = texture_of(inverse, left=-30, top=-40)
     mesh = meshed(texture, pixels=1.0, widest=0.5 * PIXEL)
     assert len(np.unique(lattice(texture, mesh), axis=0)) == len(mesh.vertices)
+    torn = grid_mesh(
+        texture,
+        viewpoints=around(texture),
+        tolerance=PIXEL,
+        viewers=viewers(texture),
+        widest=0.5 * PIXEL,
+        all_jumps=True,
+    )
+    assert len(np.unique(lattice(texture, torn), axis=0)) < len(torn.vertices)
     steps = texture_of(np.floor(30.0 * inverse / 0.03) * 1e-3, left=-30, top=-40)  # a stair is
     torn = meshed(steps, pixels=1.0, widest=0.5 * PIXEL)
     assert len(np.unique(lattice(steps, torn), axis=0)) < len(torn.vertices)
