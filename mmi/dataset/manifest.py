@@ -40,7 +40,7 @@ __all__ = [
     "record_to_json",
 ]
 
-FORMAT_VERSION = 8
+FORMAT_VERSION = 9
 PROGRAM = "build-impostors"
 """What writes datasets, as ``build.json`` and messages say."""
 _CONTRADICTIONS = (ParameterError, ValueError, OverflowError)
