@@ -8,6 +8,7 @@ milliseconds that a point takes; how close to the target the views come that ima
 typically); and random plans of viewers, eye and yaw, in all of the domain: how many triangles they have in view, in cells, and
 how many are left with the image that serves them: never more than the budget. And the same in all directions from all points,
 of which there are so many ranges. The ground is not part of the model.
+With ``--hidden``, cells that solid buildings hide from all whom a point serves do not count (place-images --hidden).
 With ``--reach``, also how far from a point a viewer is at most, in units of the distance between the points, and the farthest
 of a million random ones.
 """
@@ -18,6 +19,8 @@ import argparse
 import json
 import math
 import time
+import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +33,7 @@ from mmi.dataset.city_files import city_meshes
 from mmi.foundation.camera import Camera
 from mmi.foundation.kernels import kernel
 from mmi.reading.read_city import read_city
+from viewer.making.hidden_cells import hidden_cells
 from viewer.placing.coverage import lattice_for, reach
 from viewer.placing.directions import TURN, arcs_of, ranges_of, seen_from
 from viewer.placing.grid_check import check_grid
@@ -88,9 +92,9 @@ def city_of(name: str) -> City:
     return generate(preset, detail=int(detail) if detail else None)
 
 
-def triangles_of(name: str) -> tuple[NDArray[np.floating], NDArray[np.integer]]:
+def triangles_of(city: City) -> tuple[NDArray[np.floating], NDArray[np.integer]]:
     """Positions (v, 3) and triangles (t, 3)."""
-    mesh = city_meshes(city_of(name))[0]
+    mesh = city_meshes(city)[0]
     return mesh.positions, mesh.triangles
 
 
@@ -112,7 +116,7 @@ def closeness(
     for point, one in zip(grid.points, found, strict=True):
         if one.images:
             ranges = ranges_of(arcs_of(cells.boxes, point, rules.pyramid), np.zeros(0))
-            seen = ranges.totals(cells.counts)
+            seen = ranges.totals(np.where(one.hides(len(cells.counts)), 0, cells.counts))
             for image in one.images:
                 index = ranges.at(image.yaw)
                 left.append(seen[index] - ranges.totals(cells.counts[image.cells], image.cells)[index])
@@ -135,6 +139,7 @@ def flown(
         point = grid.closest(eye, yaw)
         if point < 0:
             raise AssertionError(f"a point for {eye}, {yaw} expected, found none")
+        drawn &= ~found[point].hides(len(drawn))
         serving = found[point].at(yaw)
         if serving >= 0:
             drawn[found[point].images[serving].cells] = False
@@ -143,10 +148,11 @@ def flown(
 
 
 def table(
-    name: str, budget: int, targets: list[int], plans: int, flat: tuple[float, float] | None
+    name: str, budget: int, targets: list[int], plans: int, flat: tuple[float, float] | None, hiding: bool
 ) -> list[dict[str, Any]]:
     """The rows of a model."""
-    positions, triangles = triangles_of(name)
+    city = city_of(name)
+    positions, triangles = triangles_of(city)
     rows = []
     for target in targets:
         rules = PlacingRules(budget, target, FOV)
@@ -159,8 +165,14 @@ def table(
         grid = solution_grid(cells, rules, domain)
         needs = grid.needs()
         gridded = time.perf_counter()
+        bits = np.zeros((len(needs), 0), dtype=np.uint8)
+        if hiding:
+            bits = hidden_cells(city, cells, grid)
+            needs = tuple(replace(one, hidden=own) for one, own in zip(needs, bits, strict=True))
+        swept = time.perf_counter()
         found, ms = placed(cells, grid, needs, rules)
         images = np.array([len(one.images) for one in found])
+        hidden = [float(cells.counts[one.hides(len(cells.counts))].sum() / len(triangles)) for one in found]
         close = closeness(cells, grid, found, rules)
         sizes = np.array([one.window for point in found for one in point.images]).reshape(-1, 4)
         screens = np.prod(sizes[:, 2:] - sizes[:, :2], axis=1) / (4.0 * FOV.across * FOV.up)
@@ -181,6 +193,9 @@ def table(
                 "points": len(grid.points),
                 "grid_s": gridded - celled,
                 "reaches": [float(grid.reaches.min()), float(grid.reaches.max())],
+                "hidden": np.percentile(hidden, [0, 25, 50, 75, 100]).tolist(),
+                "hidden_s": swept - gridded,
+                "hidden_bytes": len(zlib.compress(bits.tobytes())),
                 "images": int(images.sum()),
                 "images_a_point": np.bincount(images).tolist(),
                 "ms_a_point": ms,
@@ -270,13 +285,16 @@ def main() -> None:
     parser.add_argument(
         "--heights", type=heights, metavar="LOW,HIGH", help="of viewers, metres (default: those of the model, and more)"
     )
+    parser.add_argument("--hidden", action="store_true", help="do not count what buildings hide")
     parser.add_argument("--reach", action="store_true", help="tell the lattice's constants first")
     options = parser.parse_args()
     if options.reach:
         reaches()
     targets = [int(one) for one in options.target.split(",")]
     rows = [
-        row for name in options.models for row in table(name, options.budget, targets, options.plans, options.heights)
+        row
+        for name in options.models
+        for row in table(name, options.budget, targets, options.plans, options.heights, options.hidden)
     ]
     told(rows)
     options.out.mkdir(parents=True, exist_ok=True)

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
-from placing import FOV, PAPER, closeness, flown, placed, triangles_of
+from placing import FOV, PAPER, city_of, closeness, flown, placed, triangles_of
 
 from mmi.inspection.figures import EMPHASIS, INK, SMALL, new_figure, save, tidy
 from viewer.placing.directions import TURN
@@ -84,7 +84,7 @@ def short(name: str) -> str:
 def measured(name: str, percents: list[float]) -> list[dict[str, Any]]:
     """A row for each budget."""
     bounds = name in BOUNDS
-    positions, triangles = bounding(name) if bounds else triangles_of(name)
+    positions, triangles = bounding(name) if bounds else triangles_of(city_of(name))
     name, rows = short(name), []
     for percent in percents:
         budget = round(0.01 * percent * len(triangles))

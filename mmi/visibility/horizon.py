@@ -39,7 +39,7 @@ from mmi.visibility.cell_outline import TOUCH, footprints_met, sample_viewpoints
 from mmi.visibility.horizon_sweep import BINS, Rings, pack_rings, sweep
 from mmi.visibility.selection import Extractor, Selection, WallVisibility, narrowed
 
-__all__ = ["PreparedHorizon", "horizon_extractor", "horizon_visible", "prepare_horizon"]
+__all__ = ["PreparedHorizon", "horizon_extractor", "horizon_of_boxes", "horizon_visible", "prepare_horizon"]
 
 _TOLERANCE = 0.05
 """Metres that shrunken occluders give up beyond the asked distance, to be simplified by as much and still lie inside."""
@@ -48,6 +48,9 @@ _TOLERANCE = 0.05
 _SLOPING_GAP = 0.5
 """Metres that a prism's base on a slope may be above the ground and still stand on it: models and their ground seldom agree to
 the centimetre."""
+
+_WIDER = 0.01
+"""Metres that boxes are larger than they are: they may have no width, and corners of triangles are rounded."""
 
 _CANDIDATES = 512
 """Levels are chosen among at most so many heights; time and memory grow with the square of this number."""
@@ -61,6 +64,7 @@ class PreparedHorizon:
     the shrunken unions, level by level, each at its greatest height only. ``occludees`` are the rings of all prisms,
     ``owners`` (r,) their objects. ``prisms`` (p,) are all footprints, ``prism_objects`` (p,) their objects, ``solids``
     the footprints of what occludes. ``covered`` (e,) is how high each edge of ``occludees`` is covered by what touches it.
+    What is looked for are ``sought`` objects, or boxes in their place (:func:`horizon_of_boxes`).
     """
 
     city: City
@@ -75,6 +79,7 @@ class PreparedHorizon:
     prism_objects: NDArray[np.int64]
     solids: shapely.STRtree
     covered: NDArray[np.float64]
+    sought: int
 
 
 def prepare_horizon(city: City, *, shrink: float = 1.5, columns: int = 2048, levels: int = 12) -> PreparedHorizon:
@@ -107,6 +112,26 @@ def prepare_horizon(city: City, *, shrink: float = 1.5, columns: int = 2048, lev
         prism_objects=objects,
         solids=shapely.STRtree(solids),
         covered=_covered(occludees, pack_rings(solids, solid_tops)),
+        sought=len(city.objects),
+    )
+
+
+def horizon_of_boxes(scene: PreparedHorizon, boxes: NDArray[np.float64]) -> PreparedHorizon:
+    """``scene`` with ``boxes`` (n, 2, 3), metres, in the place of its objects: what is found are indices into these.
+
+    They hide nothing, what hides are the city's occluders; each is taken to reach down to the ground.
+    """
+    low, high = boxes[:, 0] - _WIDER, boxes[:, 1] + _WIDER
+    rectangles = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
+    occludees = pack_rings(rectangles, high[:, 2])
+    return replace(
+        scene,
+        occludees=occludees,
+        owners=occludees.owners,
+        prisms=shapely.STRtree(rectangles),
+        prism_objects=np.arange(len(boxes)),
+        covered=np.full(len(occludees.xy), -np.inf),
+        sought=len(boxes),
     )
 
 
@@ -232,12 +257,12 @@ def _polygons(shapes: NDArray[np.object_]) -> tuple[NDArray[np.object_], NDArray
 
 
 def horizon_visible(scene: PreparedHorizon, cell: ViewingCell) -> tuple[NDArray[np.int64], WallVisibility]:
-    """Sorted indices into ``city.objects`` of all that may be seen from somewhere in ``cell`` (and maybe some more).
+    """Sorted indices into ``city.objects`` (or boxes) of all that may be seen from somewhere in ``cell``, and maybe some more.
 
     Also returns how low and from where their walls may be seen, which is conservative as well.
     """
     region = Polygon(cell.corners)
-    seen = np.zeros(len(scene.city.objects), dtype=bool)
+    seen = np.zeros(scene.sought, dtype=bool)
     seen[scene.prism_objects[footprints_met(scene.prisms, region)]] = True
     cutting = scene.solids.query(region.buffer(-TOUCH, join_style="mitre"), predicate="intersects")
     occluders = _occluders_without(scene, cutting)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from mmi.foundation.errors import DatasetError, ParameterError
 from mmi.foundation.processes import peak_memory
 from mmi.foundation.progress import Progress, silent
 from viewer.layered.viewpoints import COUNTS
+from viewer.making.hidden_cells import hidden_cells, print_of_occluders
 from viewer.making.models import Model
 from viewer.making.workers import PicturesJob, PointsJob, crew_of
 from viewer.placed.folder import PlacedFolder, folder_of, placing_folder, read_solutions, write_manifest
@@ -60,6 +61,7 @@ def place_images(
     camera: Camera,
     rules: PlacingRules,
     heights: tuple[float, float] | None = None,
+    hidden: bool = False,
     pictures: int = 9,
     workers: int = 1,
     frame: FrameBudget | None = None,
@@ -68,7 +70,8 @@ def place_images(
     """Place images for ``model`` into the folder ``out``, or go on with that.
 
     ``rules`` are for the display of ``camera``; viewers' eyes are at ``heights``, from the lowest to the highest, metres in the
-    model's frame, or anywhere around the model. The manifest says what ``frame`` the budget is from, if it is from one.
+    model's frame, or anywhere around the model. Cells that the city surely hides from all whom a point serves do not count, and
+    are not drawn, if ``hidden`` says so. The manifest says what ``frame`` the budget is from, if it is from one.
     ``progress`` is called with (images done, all of them, what was done last), before that with points.
 
     Raises ParameterError, DatasetError.
@@ -89,6 +92,7 @@ def place_images(
         "camera": camera,
         "pictures": pictures,
         "rules": rules,
+        "occluders": print_of_occluders(model.city) if hidden else "",
     }
     known: Solutions | None = None
     with placing_folder(out) as path, crew_of(workers, path, model, cells, rules) as crew:
@@ -109,6 +113,11 @@ def place_images(
             start = time.perf_counter()
             found: dict[int, Placements] = {}
             needs = grid.needs()
+            if hidden:
+                bits = hidden_cells(model.city, cells, grid, progress)
+                needs = tuple(replace(one, hidden=own) for one, own in zip(needs, bits, strict=True))
+                stages["hidden"] = time.perf_counter() - start
+                start = time.perf_counter()
             jobs = [
                 PointsJob(first, grid.points[first : first + _AT_ONCE], needs[first : first + _AT_ONCE])
                 for first in range(0, len(grid.points), _AT_ONCE)

@@ -233,6 +233,7 @@ def write_manifest(folder: PlacedFolder, frame: FrameBudget | None = None) -> in
         "budget": rules.budget,
         "optimize": rules.target,
         "pitch_degrees": math.degrees(rules.pitch),
+        "hidden": bool(solutions.occluders),
         "pictures": solutions.pictures,
         "points": len(solutions.points),
         "images": len(sizes),

@@ -55,9 +55,10 @@ _ARRAYS: Mapping[str, tuple[str, int]] = MappingProxyType(
         "distances": ("<f8", 1),
         "cell_starts": ("<i8", 1),
         "cells": ("<i4", 1),
+        "hidden": ("|u1", 2),
     }
 )
-"""Type and number of dimensions of each, in the order that they have in the file."""
+"""Type and number of dimensions of each, in the order that they have in the file; without occluders there is no last one."""
 _KEYS = ("arrays", "camera", "model", "pictures", "rules", "source")
 
 
@@ -74,7 +75,8 @@ class Solutions:
     """What was found for the model called ``source`` whose triangles and looks have the fingerprint ``model``.
 
     No view of ``camera`` within the grid's domain draws more of them than the budget of ``rules``. ``points`` has the images of
-    each point of the grid, which are made of ``pictures`` pictures.
+    each point of the grid, which are made of ``pictures`` pictures. ``occluders`` is the fingerprint of what hides cells from
+    viewers, empty where nothing is taken to hide any.
     """
 
     source: str
@@ -88,6 +90,7 @@ class Solutions:
     """All images, those of a point after each other."""
     firsts: NDArray[np.int64]
     """(n + 1,) the number of each point's first image, and how many there are."""
+    occluders: str = ""
 
     def serving(self, point: int, yaw: float) -> int:
         """The number of the image for a point and a yaw, -1 where none is needed."""
@@ -113,6 +116,7 @@ def solutions_of(
     rules: PlacingRules,
     grid: SolutionGrid,
     points: Sequence[Placements],
+    occluders: str = "",
 ) -> Solutions:
     """All of it together."""
     radii = grid.radii
@@ -120,7 +124,7 @@ def solutions_of(
         PlacedImage(grid.points[n], float(radii[n]), one) for n, some in enumerate(points) for one in some.images
     )
     firsts = np.concatenate([[0], np.cumsum([len(some.images) for some in points])]).astype(np.int64)
-    return Solutions(source, model, camera, pictures, rules, grid, tuple(points), images, firsts)
+    return Solutions(source, model, camera, pictures, rules, grid, tuple(points), images, firsts, occluders)
 
 
 def print_of(mesh: CityMesh) -> str:
@@ -135,8 +139,9 @@ def print_of(mesh: CityMesh) -> str:
 def solutions_to_bytes(solutions: Solutions) -> bytes:
     """As they are kept: the same bytes for the same solutions."""
     arrays = _arrays_of(solutions)
-    packed = {name: zlib.compress(arrays[name].tobytes(), 6) for name in _ARRAYS}
+    packed = {name: zlib.compress(arrays[name].tobytes(), 6) for name in arrays}
     rules = asdict(solutions.rules)
+    hiding = {"occluders": solutions.occluders} if solutions.occluders else {}
     header = canonical_json(
         {
             "source": solutions.source,
@@ -144,7 +149,8 @@ def solutions_to_bytes(solutions: Solutions) -> bytes:
             "camera": [solutions.camera.width, solutions.camera.height, solutions.camera.fov],
             "pictures": solutions.pictures,
             "rules": rules,
-            "arrays": [[name, list(arrays[name].shape), len(packed[name])] for name in _ARRAYS],
+            "arrays": [[name, list(arrays[name].shape), len(packed[name])] for name in arrays],
+            **hiding,
         }
     )
     whole = b"".join([_MAGIC, _LENGTH.pack(len(header)), header, *packed.values()])
@@ -166,9 +172,13 @@ def solutions_from(data: bytes, where: str) -> Solutions:
         raise DatasetError(f"{where}: a header of up to {_HEADER_BYTES} bytes expected, found {length}")
     try:
         header = json.loads(data[start : start + length])
-        if not isinstance(header, dict) or sorted(header) != sorted(_KEYS):
+        if not isinstance(header, dict) or sorted({*header} - {"occluders"}) != sorted(_KEYS):
             raise ValueError(f"the keys {', '.join(_KEYS)} expected")
-        arrays = _unpacked(header["arrays"], data[start + length : -32])
+        hiding = header.get("occluders", "none")
+        if not isinstance(hiding, str) or not hiding:
+            raise ValueError("occluders: text expected")
+        names = list(_ARRAYS) if "occluders" in header else list(_ARRAYS)[:-1]
+        arrays = _unpacked(names, header["arrays"], data[start + length : -32])
         return _assembled(header, arrays)
     except (ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError, zlib.error) as error:
         raise DatasetError(f"{where}: solutions of place-images expected, found others ({error})") from error
@@ -199,7 +209,9 @@ def _arrays_of(solutions: Solutions) -> dict[str, NDArray[Any]]:
         "cell_starts": _starts([len(one.cells) for one in placed]),
         "cells": _joined([one.cells for one in placed]),
     }
-    return {name: np.ascontiguousarray(found[name], dtype=dtype) for name, (dtype, _) in _ARRAYS.items()}
+    if solutions.occluders:
+        found["hidden"] = np.stack([one.hidden for one in points])
+    return {name: np.ascontiguousarray(found[name], dtype=_ARRAYS[name][0]) for name in found}
 
 
 def _starts(counts: Sequence[int]) -> NDArray[np.int64]:
@@ -210,10 +222,10 @@ def _joined(arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:
     return np.concatenate([np.zeros(0), *arrays])
 
 
-def _unpacked(listed: object, data: bytes) -> dict[str, NDArray[Any]]:
-    """The arrays, of the sizes that the header says. Raises ValueError."""
-    if not isinstance(listed, list) or [one[0] for one in listed] != list(_ARRAYS):
-        raise ValueError(f"the arrays {', '.join(_ARRAYS)} expected")
+def _unpacked(names: Sequence[str], listed: object, data: bytes) -> dict[str, NDArray[Any]]:
+    """The arrays of these ``names``, of the sizes that the header says. Raises ValueError."""
+    if not isinstance(listed, list) or [one[0] for one in listed] != names:
+        raise ValueError(f"the arrays {', '.join(names)} expected")
     found, at = {}, 0
     for name, shape, length in listed:
         dtype, dimensions = _ARRAYS[name]
@@ -269,6 +281,9 @@ def _assembled(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) ->
         if starts.shape != (groups + 1,) or starts[0] != 0 or starts[-1] != total or (np.diff(starts) < 0).any():
             raise ValueError(f"{name}: {groups} ranges of {total} expected")
     _check(arrays, n)
+    hidden = arrays.get("hidden", np.zeros((n, 0), dtype=np.uint8))
+    if len(hidden) != n:
+        raise ValueError(f"hidden: bits for {n} points expected, found for {len(hidden)}")
     grid = SolutionGrid(
         PlacingRules(**told).pyramid,
         *(arrays[name] for name in ("domain", "points", "codes", "depths", "reaches", "leaf_starts", "leaf_points")),
@@ -290,9 +305,10 @@ def _assembled(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) ->
             arrays["borders"][low:high],
             arrays["serving"][low:high],
             arrays["counts"][low:high],
+            bits,
         )
-        for (first, end), (low, high) in zip(
-            pairwise(arrays["image_starts"].tolist()), pairwise(arrays["border_starts"].tolist()), strict=True
+        for (first, end), (low, high), bits in zip(
+            pairwise(arrays["image_starts"].tolist()), pairwise(arrays["border_starts"].tolist()), hidden, strict=True
         )
     ]
     return solutions_of(
@@ -303,6 +319,7 @@ def _assembled(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) ->
         rules=PlacingRules(**told),
         grid=grid,
         points=points,
+        occluders=header.get("occluders", ""),
     )
 
 

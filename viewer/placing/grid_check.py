@@ -62,7 +62,9 @@ def check_grid(
     rules: PlacingRules,
     progress: Progress = silent,
 ) -> GridChecked:
-    """Count the triangles in cells in view, without those that the image for a direction replaces, from all points."""
+    """Count the triangles in cells in view from all points, without those that the image for a direction replaces, and those
+    hidden from all whom the point serves: that they are is taken as given.
+    """
     fov, counts = rules.pyramid, cells.counts
     leaf_boxes, order = grid.leaf_boxes, np.argsort(grid.leaf_points, kind="stable")
     leaves = np.repeat(np.arange(len(grid.codes)), np.diff(grid.leaf_starts))[order]
@@ -70,7 +72,7 @@ def check_grid(
     ranges = most = over = 0
     for n, (first, end) in enumerate(pairwise(starts.tolist())):
         one = placements[n]
-        removed = np.zeros((len(one.images) + 1, len(counts)), dtype=np.bool_)  # the last: no image
+        removed = np.tile(one.hides(len(counts)), (len(one.images) + 1, 1))  # the last: no image
         for k, image in enumerate(one.images):
             removed[k, image.cells] = True
         found = _count(

@@ -4,13 +4,14 @@ Section 3.3: the yaw that shows most is given the best subset of its cells (view
 serves that yaw and all others that stay within the budget with it, and which its picture is wide enough for; then the yaw that
 shows most of those left. Each yaw has one image at most. So that an image serves more yaws, it also has what views that are
 turned a little see of cells behind the nearest of the subset, and between its lower and its upper border. Cells that a viewer
-can be at, those that the sphere around the point meets within which it serves viewers, are never part of an image.
+can be at, those that the sphere around the point meets within which it serves viewers, are never part of an image. Cells that
+are hidden from all these viewers are not drawn for them, do not count, and are not part of images either.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from mmi.foundation.errors import ParameterError
 from viewer.placing.directions import TURN, Ranges, arcs_of, distances_to, ranges_of
 from viewer.placing.model_cells import ModelCells
 from viewer.placing.rules import PlacingRules
-from viewer.placing.solution_grid import Needs
+from viewer.placing.solution_grid import Needs, mask_of
 from viewer.placing.subsets import best_subset
 
 __all__ = ["Placement", "Placements", "placements_at"]
@@ -49,13 +50,19 @@ class Placements:
     """All images of a point: yaws from ``borders[i]`` on to before the next are served by image ``serving[i]``, -1 for none.
 
     The first border is 0. ``counts`` are the most triangles that a view there draws as such, in cells that it sees and the
-    image does not replace, and 0 where the point is not needed.
+    image does not replace, and 0 where the point is not needed. Of cells that are ``hidden``, bits as in
+    :class:`viewer.placing.solution_grid.Needs`, it draws none.
     """
 
     images: tuple[Placement, ...]
     borders: NDArray[np.float64]
     serving: NDArray[np.int32]
     counts: NDArray[np.int64]
+    hidden: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, dtype=np.uint8))
+
+    def hides(self, cells: int) -> NDArray[np.bool_]:
+        """(cells,) which of all cells are hidden."""
+        return mask_of(self.hidden, cells)
 
     def at(self, yaw: float) -> int:
         """The image for a yaw, radians; -1 where none is needed."""
@@ -68,10 +75,11 @@ def placements_at(point: NDArray[np.float64], needs: Needs, cells: ModelCells, r
     Raises ParameterError where a yaw that the point is needed for shows more than the budget within the sphere: the point is
     not one of a grid that was made for these rules.
     """
-    fov, counts = rules.pyramid, cells.counts
+    fov, hidden = rules.pyramid, mask_of(needs.hidden, len(cells.boxes))
+    counts = np.where(hidden, 0, cells.counts)
     ranges = ranges_of(arcs_of(cells.boxes, point, fov), np.append(needs.borders, _CUTS))
     radii = needs.radii[np.searchsorted(needs.borders, ranges.borders, side="right") - 1]
-    distances = distances_to(cells.boxes, point)
+    distances = np.where(hidden, 0.0, distances_to(cells.boxes, point))  # as near as what no image may have
     seen = np.where(radii > 0.0, ranges.totals(counts), 0)
     left, serving = seen.copy(), np.full(len(seen), -1, dtype=np.int32)
     open_ = (seen > rules.budget) & (radii > 0.0)
@@ -85,7 +93,8 @@ def placements_at(point: NDArray[np.float64], needs: Needs, cells: ModelCells, r
         images.append(image)
         open_ &= ~served
     firsts = np.flatnonzero(np.diff(serving, prepend=-2))
-    return Placements(tuple(images), ranges.borders[firsts], serving[firsts], np.maximum.reduceat(left, firsts))
+    most = np.maximum.reduceat(left, firsts)
+    return Placements(tuple(images), ranges.borders[firsts], serving[firsts], most, needs.hidden)
 
 
 def _image(

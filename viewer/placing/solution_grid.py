@@ -7,7 +7,7 @@ need no care (section 3.2.2): whoever is in the leaf has one of them in the reve
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +18,7 @@ from viewer.placing.directions import TURN, arcs_of
 from viewer.placing.model_cells import ModelCells
 from viewer.placing.rules import Fov
 
-__all__ = ["DEEPEST", "Needs", "SolutionGrid", "codes_of", "cube_boxes", "domain_of"]
+__all__ = ["DEEPEST", "Needs", "SolutionGrid", "codes_of", "cube_boxes", "domain_of", "mask_of"]
 
 DEEPEST = 12
 """How many times a cube is halved at most."""
@@ -30,10 +30,14 @@ _HAIR = 1e-10
 class Needs:
     """For what a point is needed: the farthest that viewers are whom it serves, ``radii`` (r,) metres, for yaws from each of
     ``borders`` (r,) on to before the next; 0 where there is none. The first border is 0.
+
+    ``hidden`` are bits, eight in a byte, the highest first: those of the model's cells that none of these viewers can see, for
+    what stands before them. There may be none.
     """
 
     borders: NDArray[np.float64]
     radii: NDArray[np.float64]
+    hidden: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, dtype=np.uint8))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,6 +120,14 @@ def _needs(point: NDArray[np.float64], boxes: NDArray[np.float64], reaches: NDAr
     radii = np.where(inside, reaches, 0.0).max(axis=1)
     kept = np.flatnonzero(np.diff(radii, prepend=-1.0))
     return Needs(borders[kept], radii[kept])
+
+
+def mask_of(bits: NDArray[np.uint8], number: int) -> NDArray[np.bool_]:
+    """(number,) what ``bits`` say of each of so many things, as :class:`Needs` has them: where they end, no."""
+    found = np.zeros(number, dtype=np.bool_)
+    said = np.unpackbits(bits)[:number]
+    found[: len(said)] = said
+    return found
 
 
 def domain_of(cells: ModelCells) -> NDArray[np.float64]:

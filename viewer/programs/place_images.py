@@ -102,6 +102,12 @@ def place_images(arguments: Sequence[str] | None = None) -> NoReturn:
     )
     how = parser.add_argument_group("how")
     how.add_argument(
+        "--hidden",
+        action="store_true",
+        help="in a city: do not count, and do not draw, cells that solid buildings surely hide from all viewers whom a point "
+        "serves; with --heights it takes fewer images",
+    )
+    how.add_argument(
         "--pictures",
         type=int,
         choices=_PICTURES,
@@ -200,6 +206,7 @@ def _place(options: argparse.Namespace) -> None:
             camera=camera,
             rules=rules,
             heights=options.heights,
+            hidden=options.hidden,
             pictures=options.pictures,
             workers=workers,
             frame=frame,

@@ -1,9 +1,9 @@
 """Placed images (Aliaga & Lastra 1999): what is near as geometry, the rest as a layered depth image, within a budget.
 
 In each frame (section 5, figure 12) the closest point of the grid behind the viewer is found, and its image for the direction
-of the view. The cells that the image replaces are left out, the other cells in view are drawn, and the image is warped, here or
-by the renderer, to where the viewer is. A view of the same direction shows no more cells than it would from the point, so that
-the budget holds.
+of the view. The cells that the image replaces are left out, and those hidden from all whom the point serves; the other cells in
+view are drawn, and the image is warped, here or by the renderer, to where the viewer is. A view of the same direction shows no
+more cells than it would from the point, so that the budget holds.
 
 That is so for level views, or for those turned up or down by no more than the images were placed for, of the display that they
 were placed for or a smaller one, within the grid's domain. All other views are drawn as geometry, and counted apart.
@@ -93,6 +93,9 @@ class PlacedImages:
         last = max((int(one.placement.cells[-1]) for one in solutions.images if len(one.placement.cells)), default=-1)
         if last >= len(self._cells.counts):
             raise ParameterError(f"{folder.path}: {len(self._cells.counts)} cells expected, found cell {last}")
+        bits = len(self._cells.counts) + 7 & ~7
+        if any(len(one.hidden) not in (0, bits // 8) for one in solutions.points):
+            raise ParameterError(f"{folder.path}: bits of {len(self._cells.counts)} cells expected, found others")
         self._corners = box_corners(self._cells.boxes[:, 0], self._cells.boxes[:, 1])
         self._images: LoadedImages = scene.workshop.once(
             ("images in memory", path, rules.bytes), lambda: LoadedImages(folder, most=rules.bytes)
@@ -116,6 +119,7 @@ class PlacedImages:
             number = -1
         else:
             seen = seen_from(self._cells.boxes, eye, yaw, solutions.rules.pyramid)
+            seen &= ~solutions.points[point].hides(len(seen))
             number = solutions.serving(point, yaw)
             if solutions.rules.pitch > 0.0:
                 seen &= within_view(self._corners, view)

@@ -22,7 +22,7 @@ from mmi.city.model import City, CityObject, Prism
 from mmi.foundation.errors import ParameterError
 from mmi.reading.read_city import read_city
 from mmi.visibility.cell_outline import sample_viewpoints
-from mmi.visibility.horizon import _levels, horizon_extractor, horizon_visible, prepare_horizon
+from mmi.visibility.horizon import _levels, horizon_extractor, horizon_of_boxes, horizon_visible, prepare_horizon
 from mmi.visibility.item_buffer import item_buffer_extractor, panorama
 from mmi.visibility.selection import everything
 
@@ -127,6 +127,39 @@ class TestByHand:
         cell = ViewingCell("0000-00", (0.0, 0.0), (10.0, 0.0), 3.0, (51.5, 51.9))
         assert visible(city_of(*solids, ground=50.0), cell) == [0]
         assert visible(city_of(*solids, ground=49.0), cell) == [0, 1]
+
+
+class TestBoxes:
+    def found(self, *boxes, solids=((WALL, 10),)):
+        scene = horizon_of_boxes(prepare_horizon(city_of(*solids)), np.array(boxes, dtype=np.float64))
+        return horizon_visible(scene, cell_along_x())[0].tolist()
+
+    def test_behind_the_wall_above_it_beside_and_within_the_cell(self):
+        behind, above = [(0, 40, 0), (10, 50, 8)], [(0, 40, 0), (10, 50, 60)]
+        beside, around = [(300, 0, 0), (310, 10, 3)], [(-5, -5, 0), (5, 5, 1)]
+        assert self.found(behind, above, beside, around) == [1, 2, 3]
+
+    def test_boxes_without_width_or_depth(self):
+        assert self.found([(0, 40, 0), (10, 40, 8)], [(3, 40, 0), (3, 50, 8)], [(3, 5, 0), (3, 5, 0)]) == [2]
+
+    def test_boxes_hide_nothing(self):
+        assert self.found(
+            [(-100, 10, 0), (110, 30, 10)], [(0, 40, 0), (10, 50, 8)], solids=((box(500, 0, 501, 1), 3),)
+        ) == [
+            0,
+            1,
+        ]
+
+    def test_houses_as_boxes_are_found_as_the_houses_are(self):
+        rng = np.random.default_rng(6)
+        low = rng.uniform(-80.0, 80.0, (40, 2))
+        size, tops = rng.uniform(4.0, 25.0, (40, 2)), rng.uniform(2.0, 15.0, 40)
+        city = city_of(*[(box(*a, *(a + b)), top) for a, b, top in zip(low, size, tops, strict=True)])
+        boxes = np.stack([np.column_stack([low, np.zeros(40)]), np.column_stack([low + size, tops])], axis=1)
+        scene = prepare_horizon(city)
+        found, houses = (horizon_visible(one, cell_along_x())[0] for one in (horizon_of_boxes(scene, boxes), scene))
+        assert set(houses.tolist()) <= set(found.tolist())  # boxes are a hair larger
+        assert len(found) <= len(houses) + 1 < 40
 
 
 class TestOptions:

@@ -1,5 +1,6 @@
 """Solutions as bytes: they come back as they were, and what is damaged or lies is one line."""
 
+import dataclasses
 import hashlib
 
 import numpy as np
@@ -48,6 +49,26 @@ def test_they_come_back_as_they_were(solutions):
         np.testing.assert_array_equal(image.placement.cells, solutions.images[number].placement.cells)
 
 
+@pytest.fixture(scope="module")
+def bits(solutions):
+    """(n, 7) of what is hidden from each point's viewers."""
+    return np.random.default_rng(3).integers(0, 256, (len(solutions.points), 7)).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def hiding(solutions, bits):
+    points = [dataclasses.replace(one, hidden=own) for one, own in zip(solutions.points, bits, strict=True)]
+    return dataclasses.replace(solutions, points=tuple(points), occluders="those")
+
+
+def test_what_is_hidden_comes_back(solutions, hiding, bits):
+    found = solutions_from(solutions_to_bytes(hiding), "here")
+    assert found.occluders == "those"
+    np.testing.assert_array_equal([one.hidden for one in found.points], bits)
+    np.testing.assert_array_equal(found.points[4].hides(50), [bits[4, n >> 3] >> (7 - (n & 7)) & 1 for n in range(50)])
+    assert not solutions.points[4].hides(50).any()
+
+
 def test_an_image_s_view_holds_its_window(solutions):
     for number, image in enumerate(solutions.images):
         left, bottom, right, top = (CAMERA.focal * one for one in image.placement.window)
@@ -62,8 +83,8 @@ def signed(data):
 
 @settings(max_examples=150, deadline=None)
 @given(st.data())
-def test_what_is_damaged_is_one_line_even_where_its_checksum_holds(solutions, data):
-    whole = bytearray(solutions_to_bytes(solutions)[:-32])
+def test_what_is_damaged_is_one_line_even_where_its_checksum_holds(solutions, hiding, data):
+    whole = bytearray(solutions_to_bytes(hiding if data.draw(st.booleans()) else solutions)[:-32])
     for _ in range(data.draw(st.integers(1, 3))):
         place = data.draw(st.integers(0, 1500) | st.integers(0, len(whole) - 1))
         whole[place % len(whole)] = data.draw(st.integers(0, 255))
