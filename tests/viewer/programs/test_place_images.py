@@ -52,6 +52,13 @@ def test_it_says_what_it_made_and_that_the_budget_is_kept(model, folder, capsys)
     assert str(folder / "manifest.json") in out
 
 
+def test_what_is_hidden_is_said_in_the_manifest(model, folder, tmp_path):
+    options = (*OPTIONS[:-1], "1", "--heights", "1.5,1.9", "--hidden", "--workers", "1", "--quiet")
+    assert run(place_images, model, "-o", tmp_path / "out", *options, "--check", "100") == 0
+    told, before = (json.loads((path / "manifest.json").read_text()) for path in (tmp_path / "out", folder))
+    assert told["hidden"] and not before["hidden"]
+
+
 def test_milliseconds_are_triangles_and_stand_in_the_manifest(model, folder, tmp_path):
     same = tmp_path / "out"
     shutil.copytree(folder, same)
