@@ -1,7 +1,7 @@
 """What the image cache shows wrongly in the worst of many views: demand 1 of its experiments (Schaufler & Stuerzlinger 1996).
 
     python benchmarks/image_cache_pictures.py examples/helsinki/helsinki.osm.pbf living-room -o out/cache-pictures
-    python benchmarks/image_cache_pictures.py forest --network walk -o out/cache-pictures --views 100 --walks 20
+    python benchmarks/image_cache_pictures.py forest --network walk -o out/cache-pictures --views 100
 
 For each city (a file, or a preset of citygen) the first frames of random views, in which everything is captured anew, and
 frames of walks, each 60 frames after the one before: images combined from images by then. Every box is an image that can be
@@ -12,7 +12,7 @@ a pixel off the same of what the geometry shows nowhere within a pixel, drawn ei
             than a pixel any of them may be seen at a pixel; those regions are thick and nothing is off by a pixel
 FLIP        the mean of all views
 
-The worst pictures are written, the geometry's on the left, the cache's in the middle, what is wrong on the right.
+Ctrl-C ends the views of a city, and what was found so far is told. The worst pictures are written, the geometry's on the left, the cache's in the middle, what is wrong on the right.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from casting import walked
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -46,6 +45,7 @@ from viewer.scene.scene import WalkScene, scene_of_city
 from viewer.techniques.geometry import FullGeometry
 from viewer.techniques.image_cache import ImageCache
 from viewer.walks.random_views import random_views
+from viewer.walks.tour import tour
 
 CAMERA = Camera(512, 512, math.radians(60.0))
 _FINER = 8
@@ -122,17 +122,26 @@ def first_frames(scene: WalkScene, views: int, seed: int) -> Iterator[Scored]:
 
 
 def on_walks(scene: WalkScene, views: int, seed: int) -> Iterator[Scored]:
-    """Every so many frames of a tour, at a walker's pace and ten frames a second."""
-    steps = walked(scene, views * _APART + 1, speed=1.4, fps=10.0, seed=seed)
-    cache = ImageCache(scene, _rules("sphere"))
-    with Renderer(scene.mesh, scene.ground, size=(CAMERA.width, CAMERA.height), measured=True) as renderer:
-        for k, step in enumerate(steps):
-            pose = step.pose
-            view = view_towards(np.array(pose.eye), pose.azimuth, pose.pitch, focal=CAMERA.focal, window=CAMERA.window)
-            if k and k % _APART == 0:
-                yield scored(scene, renderer, cache, view)
-            else:
-                renderer.draw(cache.plan(view, now=0.0, budget=Budget()), view, read=False)
+    """Every so many frames of a tour, at a walker's pace and ten frames a second; of several where the first ends before."""
+    places, left = scene.whereabouts, views
+    while left:
+        metres = 0.14 * _APART * left + 1.0
+        steps = tour(places.cells, places.adjacency, metres=metres, speed=1.4, seed=seed).frames(10.0)
+        if len(steps) <= _APART:
+            raise SystemExit(f"{scene.source}: walks of more than {_APART} frames expected, found {len(steps)}")
+        cache = ImageCache(scene, _rules("sphere"))
+        with Renderer(scene.mesh, scene.ground, size=(CAMERA.width, CAMERA.height), measured=True) as renderer:
+            for k, step in enumerate(steps):
+                eye, azimuth, pitch = np.array(step.pose.eye), step.pose.azimuth, step.pose.pitch
+                view = view_towards(eye, azimuth, pitch, focal=CAMERA.focal, window=CAMERA.window)
+                if k and k % _APART == 0:
+                    yield scored(scene, renderer, cache, view)
+                    left -= 1
+                    if not left:
+                        break
+                else:
+                    renderer.draw(cache.plan(view, now=0.0, budget=Budget()), view, read=False)
+        seed += 1
 
 
 def _rules(keep: str) -> CacheRules:
@@ -143,12 +152,16 @@ def table_of(name: str, kind: str, pictures: Iterator[Scored], total: int, out: 
     """Print a line of the table and keep the worst picture."""
     worst: Scored | None = None
     rows = []
-    for number, one in enumerate(pictures):
-        rows.append(one.found)
-        if worst is None or one.found[:2] > worst.found[:2]:
-            worst = one
-        if number % 5 == 4 or number == total - 1:
-            print(f"\r{name}, {kind}: {number + 1} of {total}", end="", file=sys.stderr, flush=True)
+    try:
+        for number, one in enumerate(pictures):
+            rows.append(one.found)
+            if worst is None or one.found[:2] > worst.found[:2]:
+                worst = one
+            if number % 5 == 4 or number == total - 1:
+                print(f"\r{name}, {kind}: {number + 1} of {total}", end="", file=sys.stderr, flush=True)
+    except KeyboardInterrupt:
+        if worst is None:
+            raise
     print(file=sys.stderr)
     assert worst is not None
     counts = Counter(f"{one.thickest:.1f}" for one in rows)
