@@ -12,7 +12,8 @@ a pixel off the same of what the geometry shows nowhere within a pixel, drawn ei
             than a pixel any of them may be seen at a pixel; those regions are thick and nothing is off by a pixel
 FLIP        the mean of all views
 
-Ctrl-C ends the views of a city, and what was found so far is told. The worst pictures are written, the geometry's on the left, the cache's in the middle, what is wrong on the right.
+The worst pictures are written, the geometry's on the left, the cache's in the middle, what is wrong on the right. Ctrl-C ends
+the views of a city, and what was found so far is told.
 """
 
 from __future__ import annotations
