@@ -31,6 +31,8 @@ __all__ = ["merged", "slopes_of"]
 
 _STEEPEST = 12.0
 """The tangent of the steepest angle with the picture that two pixels alone may tell: they may be of two surfaces."""
+_ALIKE = 0.25
+"""A steep surface goes on where 1 / depth changes from the neighbour to the next as before, but for this share."""
 _SLANTED = 0.25
 _BENT = 8.0
 """How many times the tolerance an object may be behind a patch of its own that does not reach over its border: it is bent."""
@@ -118,8 +120,8 @@ def merged(pictures: Sequence[Picture], *, radius: float, tolerance_px: float = 
 def slopes_of(picture: Picture) -> NDArray[np.float32]:
     """(h, w, 2) by how much 1 / depth grows per pixel to the right and down, along the surface that each pixel shows.
 
-    Of the neighbours of the same object on both sides, the one counts that is better on a line with the one beyond it. Where
-    no neighbour has one beyond, what is steeper than a tangent of ``_STEEPEST`` counts as two surfaces, and as facing the eye.
+    Of the neighbours of the same object on both sides, the one counts that is better on a line with the one beyond it. What is
+    steeper than a tangent of ``_STEEPEST`` counts as two surfaces, and as facing the eye, unless the one beyond goes on alike.
     """
     found = np.zeros((*picture.depth.shape, 2), dtype=np.float32)
     near = 1.0 / picture.depth.astype(np.float64)
@@ -153,11 +155,12 @@ def _slopes(near: NDArray[np.float64], ids: NDArray[np.int32], steepest: float, 
                 x1, x2 = x + side, x + 2 * side
                 if not (0 <= x1 < width and near[y, x1] > 0.0 and ids[y, x1] == ids[y, x]):
                     continue
-                change, bends = near[y, x1] - here, steepest * here
+                change, bends = near[y, x1] - here, np.inf
                 if 0 <= x2 < width and near[y, x2] > 0.0 and ids[y, x2] == ids[y, x]:
-                    bends = min(abs(near[y, x2] - near[y, x1] - change), bends)
-                elif abs(change) > steepest * here:
+                    bends = abs(near[y, x2] - near[y, x1] - change)
+                if abs(change) > steepest * here and bends > _ALIKE * abs(change):
                     continue
+                bends = min(bends, steepest * here)
                 if bends < best:
                     best, slope = bends, side * change
             found[y, x] = min(max(slope, -0.9 * here), 0.9 * here)
