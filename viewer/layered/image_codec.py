@@ -4,12 +4,10 @@
     objects    how many bytes they take, and their numbers, packed with zlib
     the rest   pixels' counts and all about the samples, as :mod:`viewer.layered.sample_models` tells it
 
-Objects and reaches are kept exactly, colors to 3 of 255. 1 / depth is kept in 3,071 steps between the least and the largest,
-off by half a step at most; a point moves by that times the focal length times the viewer's distance from the image's eye: by
-1/13 of a pixel at most, of 512 at 60 degrees, where no sample is closer than the viewer may be. Slopes are off by two steps or
-1/32, and patches' borders by 1/6 of a pixel then, or by 1/64 of what they cover.
-
-Arithmetic is in whole numbers: the same anywhere. Reading trusts nothing: what does not fit is a DatasetError in one line.
+Objects and reaches are kept exactly, colors to 3 of 255, and exactly where a surface is even. 1 / depth is kept in 3,071 steps
+between the least and the largest, off by half a step at most; a point moves by that times the focal length times the viewer's
+distance from the image's eye: by 1/13 of a pixel at most, of 512 at 60 degrees, where no sample is closer than the viewer may
+be. Slopes are off by two steps or 1/32, and patches' borders by 1/6 of a pixel then, or by 1/64 of what they cover.
 """
 
 from __future__ import annotations

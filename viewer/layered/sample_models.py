@@ -35,6 +35,8 @@ _LARGEST_CODE = _EXACT + 19 * _HALF
 _OFF = 3
 """What colors may be off by."""
 _TINT = 2 * _OFF + 1
+_HELD = 12
+"""Samples that are told to ``_OFF`` after one that neighbours did not tell; then, while neighbours tell them, exactly."""
 _LEFT, _UP, _RIGHT, _DOWN, _CORNER = range(5)
 """Where neighbours are, the last to the left and above."""
 _SIZES = 10
@@ -89,7 +91,7 @@ def tell_reaches(coder: Coder, samples: Samples) -> None:
 def tell_colors(coder: Coder, objects: int, samples: Samples) -> None:
     """Colors, which may be off by 3."""
     latest = np.zeros((objects, 3), np.int32)
-    _tell_colors(coder, chances_for(5 * 3 * _SIZES * WIDTH), latest, samples)
+    _tell_colors(coder, chances_for(2 * 5 * 3 * _SIZES * WIDTH), latest, samples)
 
 
 @kernel(error_model="numpy", nogil=True)
@@ -244,17 +246,22 @@ def _tell_reaches(
 
 @kernel(error_model="numpy", nogil=True)
 def _tell_colors(coder: Coder, chances: NDArray[np.int32], latest: NDArray[np.int32], samples: Samples) -> None:
-    """``latest`` (objects, 3) is what objects looked like last."""
+    """``latest`` (objects, 3) is what objects looked like last.
+
+    What is even is kept exactly, so that it has one colour: what an edge beside it is off by would tint all of it.
+    """
     places, colors, beside = samples.places, samples.colors, samples.beside
-    off = np.zeros(len(places), np.int32)
+    off, held = np.zeros(len(places), np.int32), np.zeros(len(places), np.int32)
     for k in range(len(places)):
         place, left, up, beyond = places[k], beside[k, _LEFT], beside[k, _UP], beside[k, _CORNER]
-        spread, kind = 0, 0
+        spread, kind, step, hold, most = 0, 0, _TINT, 0, 0
         if left >= 0 and up >= 0:
-            spread, kind = off[left] + off[up], 2
+            spread, kind, hold = off[left] + off[up], 2, max(held[left], held[up])
         elif left >= 0 or up >= 0:
-            spread, kind = 2 * off[max(left, up)], 1
-        tint = 0
+            spread, kind, hold = 2 * off[max(left, up)], 1, held[max(left, up)]
+        if kind > 0 and hold == 0:
+            step = 1
+        half, even, tint = step // 2, 5 * 3 * _SIZES * WIDTH * (step == 1), 0
         for n in range(3):
             channel = (1, 0, 2)[n]
             guess = latest[place, channel]
@@ -267,14 +274,16 @@ def _tell_colors(coder: Coder, chances: NDArray[np.int32], latest: NDArray[np.in
             elif kind == 1:
                 guess = colors[max(left, up), channel]
             guess = min(max(guess + tint, 0), 255)
-            slot = WIDTH * (_size(spread) + _SIZES * (kind + 3 * (0 if n == 0 else n + 2 * (tint != 0))))
+            slot = even + WIDTH * (_size(spread) + _SIZES * (kind + 3 * (0 if n == 0 else n + 2 * (tint != 0))))
             away = colors[k, channel] - guess
-            away = (away + _OFF) // _TINT if away >= 0 else -((_OFF - away) // _TINT)
+            away = (away + half) // step if away >= 0 else -((half - away) // step)
             away = number(coder, chances, slot, away, True)
             if n == 0:
-                tint = _TINT * away
-            off[k] += abs(away)
-            colors[k, channel] = latest[place, channel] = min(max(guess + _TINT * away, 0), 255)
+                tint = step * away
+            most = max(most, abs(away))
+            off[k] += (abs(away) * step + _OFF) // _TINT
+            colors[k, channel] = latest[place, channel] = min(max(guess + step * away, 0), 255)
+        held[k] = _HELD if most > _OFF * (step == 1) else max(hold - 1, 0)
 
 
 @kernel(error_model="numpy", nogil=True, inline="always")

@@ -46,7 +46,7 @@ __all__ = [
 ]
 
 PROGRAM = "place-images"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 WORKING = ".meshes-"
 """What folders are called that are there only while images are made."""
 _SOLUTIONS_BYTES = 1 << 30

@@ -40,6 +40,24 @@ def test_what_is_read_is_what_was_written(seed, count):
         assert (off <= np.maximum(2.5 * step, abs(image.slopes) / 30.0) + 1e-9).all()
 
 
+@pytest.mark.parametrize("noise", [0, 40])
+def test_what_is_even_keeps_its_colour(noise):
+    """An edge, or a rough surface before, may be off; what it is off by tints no surface of one colour beside it."""
+    view, rng = view_at(), np.random.default_rng(3)
+    width, height = view.window[2:]
+    colors = np.full((height, width, 3), (197, 196, 195))
+    colors[:, : width // 3] += rng.integers(-noise, noise + 1, (height, width // 3, 3))
+    colors[:, width // 3 :] -= (51, 22, 13)
+    m = width * height
+    image = LayeredImage(
+        view, np.arange(m + 1, dtype=np.int32), np.full(m, 9.0, np.float32), np.zeros((m, 2), np.float32),
+        np.full((m, 4), HALF, np.uint8), colors.reshape(-1, 3).astype(np.uint8), np.zeros(m, np.int32),
+    )  # fmt: skip
+    off = abs(decoded(encoded(image), "x").colors.astype(int) - image.colors).reshape(height, width, 3)
+    assert off.max() <= 3
+    assert off[:, width // 3 + 16 :].any(axis=2).mean() <= (0.0 if noise == 0 else 0.1)
+
+
 def test_bytes_are_the_same_again():
     image = image_of()
     data = encoded(image)
