@@ -100,7 +100,8 @@ class PlacedFolder:
 
 
 def folder_of(path: Path, solutions: Solutions | None = None) -> PlacedFolder:
-    """The folder at ``path`` for the ``solutions`` that are to be in it, or that are there.
+    """The folder at ``path`` for the ``solutions`` that are to be in it, or that are there. It is not finished any more where
+    others were there.
 
     Raises DatasetError where they are missing or damaged, or cannot be written.
     """
@@ -111,6 +112,7 @@ def folder_of(path: Path, solutions: Solutions | None = None) -> PlacedFolder:
         data = solutions_to_bytes(solutions)
         file = path / _SOLUTIONS
         if not file.is_file() or file.read_bytes() != data:
+            (path / _MANIFEST).unlink(missing_ok=True)  # it is of others, whose images it would show for these
             write_whole(file, data)
     told = hashlib.sha256(f"{FORMAT_VERSION} {package_version()} ".encode() + data)
     return PlacedFolder(path, solutions, told.hexdigest()[:12])

@@ -81,6 +81,23 @@ def test_other_rules_replace_what_is_there(model, tmp_path):
     assert open_placed(tmp_path / "one").solutions.pictures == 1
 
 
+def test_a_folder_stopped_on_its_way_to_other_rules_is_not_finished(model, tmp_path):
+    """Its manifest would say that the images of one picture are those of five."""
+    placed(model, tmp_path / "one")
+
+    def stop(_done, _total, name):
+        if name == "image 3":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        placed(model, tmp_path / "one", pictures=1, progress=stop)
+    with pytest.raises(DatasetError, match="not finished: run the same command again"):
+        open_placed(tmp_path / "one")
+    again = placed(model, tmp_path / "one", pictures=1)
+    assert again.made == again.images - 4
+    assert open_placed(tmp_path / "one").solutions.pictures == 1
+
+
 def test_a_folder_of_something_else_is_refused_and_left_alone(model, tmp_path):
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(DatasetError, match=r"found other files \(mine.txt\); nothing was changed"):
