@@ -18,6 +18,10 @@ from mmi.foundation.errors import ParameterError
 __all__ = ["Camera", "View", "level_view", "level_views_around", "view_towards"]
 
 
+_LARGEST = 1 << 20
+"""Pixels that a display has at most across, and up."""
+
+
 @dataclass(frozen=True, slots=True)
 class Camera:
     """The display: ``width`` x ``height`` pixels; ``fov`` is the horizontal field of view in radians.
@@ -32,6 +36,10 @@ class Camera:
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:
             raise ParameterError(f"a display needs at least 1x1 pixels, found {self.width}x{self.height}")
+        if not max(self.width, self.height) <= _LARGEST:
+            raise ParameterError(
+                f"a display of at most {_LARGEST} pixels a side expected, found {self.width}x{self.height}"
+            )
         if not 0.0 < self.fov < math.pi:
             raise ParameterError(f"a field of view lies between 0 and 180 degrees, found {math.degrees(self.fov):g}")
 

@@ -245,6 +245,8 @@ def _unpacked(names: Sequence[str], listed: object, data: bytes) -> dict[str, ND
 def _assembled(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Solutions:
     """Solutions whose parts fit together. Raises ValueError where they do not, ParameterError for rules without meaning."""
     width, height, fov = header["camera"]
+    if not (type(width) is int and type(height) is int and isinstance(fov, int | float)):
+        raise ValueError("camera: whole numbers of pixels, and an angle, expected")
     told = dict(header["rules"])
     told["fov"] = Fov(**told["fov"])
     if set(told) != {one.name for one in fields(PlacingRules)}:

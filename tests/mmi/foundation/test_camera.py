@@ -78,6 +78,12 @@ def test_a_display_is_a_window_around_the_principal_point():
     assert Camera(5, 3, 1.0).window == (-2, -1, 5, 3)
 
 
+@pytest.mark.parametrize("size", [(0, 5), (5, -1), (10**400, 5), (5, (1 << 20) + 1)])
+def test_a_display_of_no_pixels_or_too_many_is_refused(size):
+    with pytest.raises(ParameterError, match=r"^a display "):
+        Camera(*size, 1.0)
+
+
 @pytest.mark.parametrize("count", [1, 3, 6, 7])
 def test_views_all_around_are_the_first_one_turned(count):
     eye = np.array([3.0, -2.0, 1.7])

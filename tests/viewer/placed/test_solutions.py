@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+import json
 
 import numpy as np
 import pytest
@@ -97,3 +98,15 @@ def test_what_is_damaged_is_one_line_even_where_its_checksum_holds(solutions, hi
         assert str(error).startswith("here: ") and "\n" not in str(error)
     else:
         solutions_to_bytes(found)
+
+
+@pytest.mark.parametrize("camera", ["[NaN, 72, 1.0]", "[1.5, 72, 1.0]", "[96, true, 1.0]", f"[{10**400}, 72, 1.0]"])
+def test_a_display_that_is_none_is_one_line(solutions, camera):
+    """Its views are made later, where nobody expects bad numbers."""
+    whole = solutions_to_bytes(solutions)[:-32]
+    length = int.from_bytes(whole[8:12], "little")
+    told = json.loads(whole[12 : 12 + length])
+    header = json.dumps({**told, "camera": "CAMERA"}).replace('"CAMERA"', camera).encode()
+    bad = signed(whole[:8] + len(header).to_bytes(4, "little") + header + whole[12 + length :])
+    with pytest.raises(DatasetError, match=r"^here: .*(camera|a display).* expected"):
+        solutions_from(bad, "here")
