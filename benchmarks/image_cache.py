@@ -52,6 +52,8 @@ COLORS = {"new": "#d62728", "combined": "#2ca02c", "reused": "#ffffff", "impossi
 """As in figure 9."""
 LINES = {"new": "#d62728", "combined": "#2ca02c", "reused": "#888888", "impossible": "#1f77b4"}
 _BUDGET_MS = 5.0
+_LARGEST = 512
+"""Texels of a side where boxes are as deep as the paper's: its 256 are as large as pixels, and ours are finer."""
 _STEP = 2.0
 """Metres of a frame of the flat walk."""
 
@@ -211,7 +213,7 @@ def plot_maps(
 
 def flat(scene: WalkScene, out: Path) -> None:
     """Section 5.1."""
-    technique = ImageCache(scene, CacheRules(eager=True, leaf_triangles=1, depth=4))
+    technique = ImageCache(scene, CacheRules(eager=True, leaf_triangles=1, depth=4, largest=_LARGEST))
     low, high = technique.tree.boxes[0]
     height = float(scene.whereabouts.cells[0].reference[2])
     along = (high - low)[:2] / np.linalg.norm((high - low)[:2])
@@ -253,7 +255,7 @@ def forest(out: Path, name: str) -> None:
         corner = corner - (end - corner)
         azimuth = math.atan2(*(end - corner)[1::-1])
         places = [Where(corner + (end - corner) * k / 99, azimuth) for k in range(100)]
-    eager = CacheRules(eager=True, depth=4, leaf_triangles=1)
+    eager = CacheRules(eager=True, depth=4, leaf_triangles=1, largest=_LARGEST)
     with ExitStack() as stack:
         contenders = {
             "full": Contender(stack, scene, FullGeometry(scene)),
