@@ -14,6 +14,8 @@ from mmi.reading.read_options import HEIGHT_UNITS, NETWORKS, OBJECTS, UP_AXES, R
 
 __all__ = ["CITY_FILES", "add_city_arguments", "add_reading_arguments", "read_options", "refuse_reading_arguments"]
 
+_DEFAULT = ReadOptions()
+
 CITY_FILES = (
     "OpenStreetMap .osm or .osm.pbf, footprints (GeoJSON, GeoPackage, Shapefile, ...), or a 3D model: CityJSON, CityGML (also "
     "a folder or zip of tiles), glTF, OBJ, PLY, STL"
@@ -27,9 +29,8 @@ def add_city_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_arguments(parser)
 
 
-def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add every option of ``ReadOptions``, by its name, with its default, without CITY."""
-    default = ReadOptions()
+def add_reading_arguments(parser: argparse.ArgumentParser, default: ReadOptions = _DEFAULT) -> None:
+    """Add every option of ``ReadOptions``, by its name, with its ``default``, without CITY."""
     city = parser.add_argument_group("the city")
     city.add_argument(
         "--streets",
@@ -95,12 +96,11 @@ def read_options(arguments: argparse.Namespace) -> ReadOptions:
     return ReadOptions(**{name: getattr(arguments, name) for name in ReadOptions.__slots__})
 
 
-def refuse_reading_arguments(arguments: argparse.Namespace, found: str) -> None:
+def refuse_reading_arguments(arguments: argparse.Namespace, found: str, default: ReadOptions = _DEFAULT) -> None:
     """Raises ParameterError for an option that :func:`add_reading_arguments` added and somebody gave, where nothing is read.
 
-    ``found`` says what there is instead of a city.
+    ``found`` says what there is instead of a city; ``default`` are those of the options.
     """
-    default = ReadOptions()
     for name in ReadOptions.__slots__:
         if getattr(arguments, name) != getattr(default, name):
             raise ParameterError(f"--{name.replace('_', '-')}: a city to read expected, found {found}")

@@ -16,6 +16,7 @@ from mmi.foundation.processes import usable_cores
 from mmi.programs.city_arguments import CITY_FILES, add_reading_arguments, read_options, refuse_reading_arguments
 from mmi.programs.city_told import print_warnings
 from mmi.programs.command_line import Parser, ProgressBar, numbers_option, path_option, run_program, size_option
+from mmi.reading.read_options import ReadOptions
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
     from viewer.placing.rules import FrameBudget
 
 __all__ = ["place_images"]
+
+_READING = ReadOptions(network="all")
+"""How models are read where nobody says otherwise: whatever their streets are, since none are needed."""
 
 _PICTURES = (1, 5, 9)
 _MOST_WORKERS = 64
@@ -129,7 +133,7 @@ def place_images(arguments: Sequence[str] | None = None) -> NoReturn:
         metavar="C,B,B1,B2",
         help="of the cost-benefit function: few triangles left, benefit, a small image, a far one (default: 0.4,0.6,0.1,0.9)",
     )
-    add_reading_arguments(parser)
+    add_reading_arguments(parser, _READING)
     work = parser.add_argument_group("the work")
     work.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
     work.add_argument(
@@ -169,7 +173,9 @@ def _place(options: argparse.Namespace) -> None:
         raise ParameterError(f"--display, --fov: {error}") from None
     is_dataset = (options.source / "manifest.json").exists()
     if is_dataset:
-        refuse_reading_arguments(options, f"the dataset {options.source}, whose city was read when it was built")
+        refuse_reading_arguments(
+            options, f"the dataset {options.source}, whose city was read when it was built", _READING
+        )
     reading = None if is_dataset else read_options(options)
 
     from rich.console import Console

@@ -11,6 +11,7 @@ import pytest
 from placed_models import towers
 
 import viewer
+from citygen.cli import citygen
 from mmi.dataset.city_files import city_glb
 from viewer.placed import solutions
 from viewer.programs.compare_impostors import compare_impostors
@@ -50,6 +51,13 @@ def test_it_says_what_it_made_and_that_the_budget_is_kept(model, folder, capsys)
     assert of_all.startswith("budget kept: at most ") and of_all.endswith(" points, which are all")
     assert of_some.startswith("budget kept: at most ") and " of 2,000 triangles in 200 views" in of_some
     assert str(folder / "manifest.json") in out
+
+
+def test_a_model_needs_no_streets_for_cars(tmp_path, capsys):
+    """A room has footways alone, which none of the options asks for."""
+    assert run(citygen, "living-room", "-o", tmp_path / "room.json") == 0
+    assert run(place_images, tmp_path / "room.json", "-o", tmp_path / "out", "--budget", "18000", "--quiet") == 0
+    assert (tmp_path / "out" / "manifest.json").exists(), capsys.readouterr().err
 
 
 def test_what_is_hidden_is_said_in_the_manifest(model, folder, tmp_path):
