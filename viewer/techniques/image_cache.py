@@ -300,6 +300,9 @@ class ImageCache:
         while len(waiting):
             captures = captures_of(frame.eye, self._tree.boxes[waiting], self._images.sharpness)
             usable = self._images.handed_on(waiting, frame.eye, self._frame) <= limit
+            self._images.used[waiting[usable]] = (
+                self._frame
+            )  # so that no other, nor one beside, takes their place meanwhile
             pixels = captures.windows[:, 2].astype(np.float64) * captures.windows[:, 3]
             takes = costs.captured * self._counts[waiting]
             few = thrifty & (takes <= costs.draw + costs.relief * pixels)
@@ -310,7 +313,6 @@ class ImageCache:
                     rest.append(one)
                 elif usable[place]:
                     sources.append(one)
-                    self._images.used[one] = self._frame  # so that no other takes its place meanwhile
                 elif not small[place]:
                     deeper.append(one)
                 elif frame.left <= 0.0:

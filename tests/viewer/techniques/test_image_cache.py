@@ -148,6 +148,20 @@ def test_images_that_others_are_made_of_are_not_given_up_meanwhile(scene, render
     assert technique.tally.new > 0
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_an_image_that_others_are_made_of_does_not_give_way_to_one_beside_it(scene, renderer, seed):
+    """The nodes beside it are captured first, and everything else in the atlases is as new."""
+    rng = np.random.default_rng(seed)
+    technique = ImageCache(scene, CacheRules(eager=True, leaf_triangles=5, largest=128, bytes=3 * 256 * 256 * 16))
+    where = np.array([-600.0, -500.0, 0.7])
+    for k in range(60):
+        where += rng.uniform(0.0, 12.0), rng.uniform(-6.0, 6.0), 0.2 * rng.normal()
+        view = look(scene, *where, 0.0, 30.0)
+        picture = drawn(renderer, technique, view)
+        if k % 20 == 19:
+            assert errors(scene, renderer, picture, view).thickness_px <= 2.0
+
+
 def test_a_budget_captures_parts_first_and_never_all_primitives_at_once(scene):
     """A node whose parts have no images yet waits for them, frame by frame."""
     dear = BUDGET.costs._replace(captured=1e-3, request=1e-3, relief=1e-9, draw=1e-6)
