@@ -5,8 +5,10 @@
 For each model (a file, or a preset of citygen) and each place, a point and a direction, the far subset is what lies in boxes
 farther from the point than an eighth of the model's largest side and wholly within the view's pyramid. It is captured from 1, 5
 and 9 viewpoints, nine both as in figure 11 and all ahead, and warped to random eyes in the pyramid ahead of the point, as far
-as to the subset's nearest box, turned by up to 15 degrees. Holes are pixels that show nothing where the geometry does, wrong
-ones show another object; ``beyond`` leaves out what is off by a pixel. Times are ratios of one run: single against two threads.
+as to the subset's nearest box, turned by up to 15 degrees. Holes are pixels that show nothing where the geometry does;
+*disoccluded* are those whose surface no picture has, within a pixel and 2 percent of its depth, so that the others are gaps
+between samples. Wrong pixels show another object; ``beyond`` leaves out what is off by a pixel. Times are ratios of one run:
+single against two threads. Rows of all places of a model together come last.
 
 A second table has both warps of ``--warp`` side by side, for images of the last row: the same eyes, and times of whole frames.
 """
@@ -192,6 +194,26 @@ def errors_of(truths: list[DrawnPicture], shown: list[DrawnPicture]) -> dict[str
     }
 
 
+def unseen(holes: NDArray[np.bool_], truth: DrawnPicture, eye: View, pictures: list[Picture]) -> int:
+    """How many of the holes are of surfaces that no picture has."""
+    assert truth.depth is not None and truth.object_ids is not None
+    rows, columns = np.nonzero(holes)
+    left, top, _, _ = eye.window
+    depths = truth.depth[rows, columns].astype(np.float64)
+    points = eye.unproject(columns + left + np.float64(0.5), rows + top + np.float64(0.5), depths)
+    ids, seen = truth.object_ids[rows, columns], np.zeros(len(rows), bool)
+    for picture in pictures:
+        u, v, depth = np.moveaxis(picture.view.project(points), -1, 0)
+        left, top, width, height = picture.view.window
+        row, column = np.floor(v - top).astype(int), np.floor(u - left).astype(int)
+        for down, right in np.ndindex(3, 3):
+            y, x = row + down - 1, column + right - 1
+            inside = (depth > 0.0) & (y >= 0) & (x >= 0) & (y < height) & (x < width)
+            y, x = np.where(inside, y, 0), np.where(inside, x, 0)
+            seen |= inside & (picture.ids[y, x] == ids) & (abs(picture.depth[y, x] - depth) < 0.02 * depth)
+    return int((~seen).sum())
+
+
 def before_grey(color: NDArray[np.uint8], ids: NDArray[np.int32] | None) -> DrawnPicture:
     """A picture without what is behind it, so that only objects count."""
     assert ids is not None
@@ -207,7 +229,8 @@ def measured(
     with Renderer(scene.mesh, scene.ground, size=(CAMERA.width, CAMERA.height), measured=True) as renderer:
         camera = Camcorder(renderer, subset)
         eyes = eyes_of(subset, radius, options.eyes, rng)
-        truths = [before_grey(drawn.color, drawn.object_ids) for drawn in map(camera.drawn, eyes)]
+        raw = [camera.drawn(eye) for eye in eyes]
+        truths = [before_grey(drawn.color, drawn.object_ids) for drawn in raw]
         for count, arrangement in WAYS:
             views = construction_views(
                 subset.view, subset.nearest, radius, count, subset.corners, arrangement=arrangement
@@ -219,6 +242,10 @@ def measured(
             found = [warped(kept, eye) for eye in eyes]
             shown = [before_grey(one.color, one.ids) for one in found]
             errors = errors_of(truths, shown)
+            gone = [
+                unseen(wrong_regions(truth, picture).holes, drawn, eye, pictures)
+                for truth, picture, drawn, eye in zip(truths, shown, raw, eyes, strict=True)
+            ]
             worst = int(errors["worst"])
             pair = np.concatenate([truths[worst].color, shown[worst].color], axis=1)
             options.out.mkdir(parents=True, exist_ok=True)
@@ -232,6 +259,7 @@ def measured(
                     "layers": len(image.depths) / max(int((image.counts > 0).sum()), 1),
                     "bytes": len(data),
                     **errors,
+                    "disoccluded": float(np.mean(gone)) / (CAMERA.width * CAMERA.height),
                     "warps": 1.0 / two,
                     "threads": one / two,
                     "merging": seconds(partial(merged, pictures, radius=radius), 1),
@@ -239,20 +267,33 @@ def measured(
                 }
             )
             print_row(rows[-1], rows[0])
-        both = side_by_side(renderer, kept, eyes, truths, name)
+        if options.warps:
+            both = side_by_side(renderer, kept, eyes, truths, name)
     return rows, both
 
 
 def print_row(row: dict[str, Any], first: dict[str, Any]) -> None:
     """One line of the table."""
-    ratio = row["holes"] / first["holes"] if first["holes"] else math.nan
+    ratio, gone = (row[name] / first[name] if first[name] else math.nan for name in ("holes", "disoccluded"))
     print(
-        f"| {row['place']} | {row['pictures']} | {row['samples']:,} | {row['layers']:.2f} | {1e-6 * row['bytes']:.3f} | "
-        f"{row['holes']:.2%} | {ratio:.2f} | {row['wrong']:.2%} | {row['beyond']:.2%} | {row['thickest']:.0f} | "
-        f"{row['thick_p50']:.0f} | {row['flip']:.3f} | {row['warps']:.0f} | {row['threads']:.2f} | {row['merging']:.2f} | "
-        f"{1e3 * row['decoding']:.0f} |",
+        f"| {row['place']} | {row['pictures']} | {row['samples']:,.0f} | {row['layers']:.2f} | {1e-6 * row['bytes']:.3f} | "
+        f"{row['holes']:.2%} | {ratio:.2f} | {row['disoccluded']:.3%} | {gone:.2f} | {row['wrong']:.2%} | "
+        f"{row['beyond']:.2%} | {row['thickest']:.0f} | {row['thick_p50']:.0f} | {row['flip']:.3f} | {row['warps']:.0f} | "
+        f"{row['threads']:.2f} | {row['merging']:.2f} | {1e3 * row['decoding']:.0f} |",
         flush=True,
     )
+
+
+def together(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
+    """A row for each number of pictures: means over all places, of the thickest region the largest, of medians the median."""
+    found = []
+    for pictures in dict.fromkeys(row["pictures"] for row in rows):
+        some = [row for row in rows if row["pictures"] == pictures]
+        means = {key: float(np.mean([row[key] for row in some])) for key in some[0] if key not in ("place", "pictures")}
+        means["thickest"] = max(row["thickest"] for row in some)
+        means["thick_p50"] = float(np.median([row["thick_p50"] for row in some]))
+        found.append({"place": f"{name}, {len(some)} places", "pictures": pictures} | means)
+    return found
 
 
 def main() -> None:
@@ -263,16 +304,21 @@ def main() -> None:
     parser.add_argument("--places", type=int, default=3)
     parser.add_argument("--eyes", type=int, default=12)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--warps", action=argparse.BooleanOptionalAction, default=True, help="the second table")
     options = parser.parse_args()
-    rows, both = [], []
+    rows, both = list[dict[str, Any]](), list[dict[str, Any]]()
     print(
-        "| place | pictures | samples | a pixel | MB | holes | to one | wrong | beyond | thickest px | p50 | FLIP | warps/s | "
-        "to one thread | merging s | decoding ms |"
+        "| place | pictures | samples | a pixel | MB | holes | to one | disoccluded | to one | wrong | beyond | thickest px | "
+        "p50 | FLIP | warps/s | to one thread | merging s | decoding ms |"
     )
-    print("|" + "---|" * 16)
+    print("|" + "---|" * 18)
     for model in options.models:
         city = generate(model) if model in PRESETS else read_city(Path(model))[0]
-        scene = scene_of_city(city, name="model", camera=CAMERA)
+        scene, name, before = (
+            scene_of_city(city, name="model", camera=CAMERA),
+            Path(model).name.split(".")[0],
+            len(rows),
+        )
         low, high = np.nanmin(scene.boxes[:, 0], axis=0), np.nanmax(scene.boxes[:, 1], axis=0)
         radius, rng, found = 0.125 * float((high - low).max()), np.random.default_rng(options.seed), 0
         for _ in range(100 * options.places):
@@ -282,8 +328,11 @@ def main() -> None:
             subset = far_subset(scene, eye, azimuth, radius)
             if len(subset.triangles) >= _LEAST:
                 found += 1
-                some = measured(scene, subset, radius, options, f"{Path(model).name.split('.')[0]}-{found}")
+                some = measured(scene, subset, radius, options, f"{name}-{found}")
                 rows, both = rows + some[0], both + some[1]
+        of_all = together(rows[before:], name)
+        for row in of_all:
+            print_row(row, of_all[0])
         if found < options.places:
             print(f"{model}: {options.places} places with {_LEAST} triangles expected, found {found}", file=sys.stderr)
     print("\n| place | warp | samples | holes | wrong | beyond | thickest px | p50 | FLIP | ms a frame | to software |")
