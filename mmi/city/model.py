@@ -164,8 +164,9 @@ class TriangleMesh:
 class CityObject:
     """A building, or a block of touching buildings: what layers are made of.
 
-    ``prisms`` bound the object: no point of it lies outside them. ``core`` are prisms that lie inside it (None: its
-    prisms, and nothing for an object drawn as ``mesh``), see ``occluders``. ``id`` is unique in its city and stable
+    ``prisms`` bound the object: no point of it lies outside them. ``core`` are prisms that lie inside it, or that its walls
+    enclose together with those of what touches it (None: its prisms, and nothing for an object drawn as ``mesh``), see
+    ``occluders``. ``id`` is unique in its city and stable
     between readings of the same file (``way/123``), so that a dataset can tell what changed. ``part_of`` is the id of the
     object that this one was cut from (:mod:`mmi.city.long_objects`).
     """

@@ -14,9 +14,9 @@ Conservative for every point of the cell, by four steps that each lose nothing.
 4. *To columns of azimuth*, see :mod:`mmi.visibility.horizon_sweep`.
 
 Occluders are prisms inside objects (``CityObject.occluders``) that stand on the ground, each with its height rounded down
-to a level. Those that the cell's rectangle cuts into (streets through buildings) hide nothing from that cell. The ground is
-taken to hide what is below it and nothing else, hills or not: a line of sight that would pass under an occluder is under
-the ground there.
+to a level. Those that the cell's rectangle cuts into (streets through buildings) hide nothing from that cell, with all of the
+mesh that they lie in: inside it there may be no wall between them, nor a roof. The ground is taken to hide what is below it and
+nothing else, hills or not: a line of sight that would pass under an occluder is under the ground there.
 """
 
 from __future__ import annotations
@@ -62,9 +62,10 @@ class PreparedHorizon:
 
     ``shrink`` metres; ``columns`` in the panorama. ``occluders`` and the ``blocks`` (b,) that they are the rings of are
     the shrunken unions, level by level, each at its greatest height only. ``occludees`` are the rings of all prisms,
-    ``owners`` (r,) their objects. ``prisms`` (p,) are all footprints, ``prism_objects`` (p,) their objects, ``solids``
-    the footprints of what occludes. ``covered`` (e,) is how high each edge of ``occludees`` is covered by what touches it.
-    What is looked for are ``sought`` objects, or boxes in their place (:func:`horizon_of_boxes`).
+    ``owners`` (r,) their objects. ``prisms`` (p,) are all footprints, ``prism_objects`` (p,) their objects, ``solids`` (s,)
+    the footprints of what occludes; those of one mesh, in parts or not, have the same of ``meshes`` (s,). ``covered`` (e,)
+    is how high each edge of ``occludees`` is covered by what touches it. What is looked for are ``sought`` objects, or boxes
+    in their place (:func:`horizon_of_boxes`).
     """
 
     city: City
@@ -78,6 +79,7 @@ class PreparedHorizon:
     prisms: shapely.STRtree
     prism_objects: NDArray[np.int64]
     solids: shapely.STRtree
+    meshes: NDArray[np.int64]
     covered: NDArray[np.float64]
     sought: int
 
@@ -93,7 +95,7 @@ def prepare_horizon(city: City, *, shrink: float = 1.5, columns: int = 2048, lev
     if columns < 8 or levels < 1:
         raise ParameterError(f"at least 8 columns and 1 level expected, found {columns} and {levels}")
     footprints, _, tops, objects = _prism_table([one.prisms for one in city.objects])
-    solids, bottoms, solid_tops, _ = _prism_table([one.occluders for one in city.objects])
+    solids, bottoms, solid_tops, hiding = _prism_table([one.occluders for one in city.objects])
     standing = _standing(city, solids, bottoms)
     solids, solid_tops = solids[standing], solid_tops[standing]
     heights = _levels(solid_tops, levels)
@@ -111,6 +113,7 @@ def prepare_horizon(city: City, *, shrink: float = 1.5, columns: int = 2048, lev
         prisms=shapely.STRtree(footprints),
         prism_objects=objects,
         solids=shapely.STRtree(solids),
+        meshes=_meshes(city, hiding[standing]),
         covered=_covered(occludees, pack_rings(solids, solid_tops)),
         sought=len(city.objects),
     )
@@ -154,6 +157,17 @@ def _standing(city: City, footprints: NDArray[np.object_], bottoms: NDArray[np.f
         return bottoms <= city.ground + TOUCH
     # A line of sight that passes below a base has passed below it on the outline: only there does the ground matter.
     return np.asarray(bottoms <= city.terrain.under(footprints)[0] + _SLOPING_GAP)
+
+
+def _meshes(city: City, objects: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(s,) a number for each of the ``objects`` (s,) that solids are of: the same only for parts of one mesh."""
+    names: dict[str, int] = {}
+    found = len(city.objects) + np.arange(len(objects))
+    for k, i in enumerate(objects.tolist()):
+        one = city.objects[i]
+        if one.mesh is not None:
+            found[k] = names.setdefault(one.part_of or one.id, i)
+    return found
 
 
 def _covered(rings: Rings, solids: Rings) -> NDArray[np.float64]:
@@ -265,6 +279,8 @@ def horizon_visible(scene: PreparedHorizon, cell: ViewingCell) -> tuple[NDArray[
     seen = np.zeros(scene.sought, dtype=bool)
     seen[scene.prism_objects[footprints_met(scene.prisms, region)]] = True
     cutting = scene.solids.query(region.buffer(-TOUCH, join_style="mitre"), predicate="intersects")
+    if len(cutting):
+        cutting = np.flatnonzero(np.isin(scene.meshes, scene.meshes[cutting]))
     occluders = _occluders_without(scene, cutting)
     nearest_first = np.lexsort([-occluders.heights, _gap(occluders.boxes, region.bounds)])
     viewpoints = sample_viewpoints(cell, reach=scene.shrink)

@@ -43,6 +43,7 @@ from mmi.reading.ground.open_space import open_space_layer
 from mmi.reading.ground.rooms import CLEAR, floor_below, opened
 from mmi.reading.maps.heights import FOOT
 from mmi.reading.maps.streets import OUTDOORS, graph_from_lines, moved_lines
+from mmi.reading.models.enclosures import enclosing, note_open
 from mmi.reading.models.mesh_files import is_mesh, read_meshes
 from mmi.reading.models.objects_from_meshes import objects_from_models
 from mmi.reading.raw_layers import BuildingLayer, ModelLayer, RawBuilding, StreetLayer
@@ -129,7 +130,7 @@ def city_of_model(
     def move(points: NDArray[np.float64]) -> NDArray[np.float64]:
         return points_to_local_frame(points, building_crs, frame)
 
-    objects = objects_from_models(layer, move, ledger, progress=progress)
+    objects, open_ids = objects_from_models(layer, move, ledger, progress=progress)
     floor: float | None = None
     if lines is None:
         with step(progress, "looking for paths through the open space"):
@@ -155,6 +156,11 @@ def city_of_model(
             ground = ground_of_buildings(objects, paths, bounds, ledger)
         # Indoors things lie on one another and hang from the ceiling.
         objects = settled(objects, ground, ledger) if floor is None else opened(objects, paths, floor)
+    if floor is None:
+        with step(progress, "looking for what open buildings hide"):
+            objects = enclosing(objects, open_ids, ground, layer.textures, ledger)
+    else:
+        note_open(objects, open_ids, ledger)
     with step(progress, "joining the streets"):
         graph = graph_from_lines(
             lines,

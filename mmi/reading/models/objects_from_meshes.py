@@ -7,7 +7,8 @@ prisms stand on what is left of the projection at a few heights.
 foot (where the floor is missing). Above the foot, and below every face that looks up over some area, a vertical line
 through that area has crossed faces that look down only: it is inside. So over the projection less that of all faces that
 look up and reach below a height h, or look down and reach above the foot, a prism up to h is solid. Pieces of a mesh that
-share no points are looked at one by one, since no sight passes any of them; those not closed in this sense hide nothing.
+share no points are looked at one by one, since no sight passes any of them. What meshes hide that are not closed in this sense,
+:mod:`mmi.reading.models.enclosures` finds once they stand on the ground.
 """
 
 from __future__ import annotations
@@ -60,13 +61,16 @@ def objects_from_models(
     ledger: Ledger,
     *,
     progress: Progress | None = None,
-) -> tuple[CityObject, ...]:
+) -> tuple[tuple[CityObject, ...], frozenset[str]]:
     """The layer's buildings in the city's frame, into which ``move`` takes points (n, 3); each is told to ``progress``.
+
+    Also the ids of those that are not closed, or in which nothing is.
 
     Raises:
         CityError: no building has a volume or an area.
     """
-    objects = []
+    objects: list[CityObject] = []
+    open_ids: list[str] = []
     ends = np.cumsum([0, *(len(item.mesh.vertices) for item in layer.items)])
     moved = np.round(move(np.concatenate([item.mesh.vertices for item in layer.items])), 3) + 0.0
     items = counted_step(progress, "mending the buildings", layer.items)
@@ -90,8 +94,8 @@ def objects_from_models(
         count, of = _bodies(mesh)
         if count > 1:
             bodies = list(_closed_bodies(mesh, count, of))
-        if not bodies:
-            ledger.note("noted", "building: not closed, hides nothing", item.id)
+        if not closed:
+            open_ids.append(item.id)
         core = tuple(prism for body, own_foot in bodies for prism in _core(body, own_foot))
         objects.append(CityObject(item.id, prisms, mesh, core))
     if not objects:
@@ -99,7 +103,7 @@ def objects_from_models(
         raise CityError(
             f"{layer.file}: no buildings; expected objects with surfaces, found {len(layer.items)} without{why}"
         )
-    return tuple(objects)
+    return tuple(objects), frozenset(open_ids)
 
 
 def _cleaned(mesh: TriangleMesh, name: str, ledger: Ledger) -> TriangleMesh | None:

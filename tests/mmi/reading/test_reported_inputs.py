@@ -246,7 +246,8 @@ def test_reported_links_that_lead_nowhere():
         "building: its surfaces are links that lead nowhere": (1, ("B2",)),
         "building: no height or no area": (1, ("B3",)),
     }
-    assert [one.examples for one in report.noted if one.what == "building: not closed, hides nothing"] == [("B1",)]
+    what = "building: not closed, hides what its walls enclose"
+    assert [one.examples for one in report.noted if one.what == what] == [("B1",)], "it has no roof"
 
 
 def test_reported_houses_below_the_ground():

@@ -18,7 +18,8 @@ from shapely.geometry import LineString, Point, Polygon, box
 
 from mmi.cells.choice import spread
 from mmi.cells.viewing_cells import ViewingCell, viewing_cells
-from mmi.city.model import City, CityObject, Prism
+from mmi.city.long_objects import cut_objects
+from mmi.city.model import City, CityObject, Prism, TriangleMesh
 from mmi.foundation.errors import ParameterError
 from mmi.reading.read_city import read_city
 from mmi.visibility.cell_outline import sample_viewpoints
@@ -478,3 +479,19 @@ def test_a_million_rays_in_a_real_city(path):
         assert not missing.size, f"cell {name}: {[city.objects[i].id for i in missing]} hit, not in the set"
         swept, hit = swept + len(found), hit + np.count_nonzero(hits >= 0)
     assert swept < 1.7 * hit
+
+
+def test_all_of_a_mesh_that_a_street_cuts_into_hides_nothing():
+    """A long shell without a roof, in parts: from inside one of them there is no wall before the next."""
+    corners = [(0, 0), (80, 0), (80, 10), (0, 10)]
+    ends = zip(corners, (*corners[1:], corners[0]), strict=True)
+    walls = np.array([[(*a, 0), (*b, 0), (*b, 8), (*a, 8)] for a, b in ends], dtype=float)
+    mesh = TriangleMesh(walls.reshape(-1, 3), [[4 * i, 4 * i + k, 4 * i + k + 1] for i in range(4) for k in (1, 2)])
+    shell = Prism(box(0, 0, 80, 10), 0.0, 8.0)
+    town = city_of((box(150, 0, 160, 10), 20))
+    town = dataclasses.replace(town, objects=(CityObject("shell", (shell,), mesh, (shell,)), *town.objects))
+    scene = prepare_horizon(cut_objects(town, 40.0))
+    assert [one.id for one in scene.city.objects] == ["shell#0", "shell#1", "solid/0"]
+    inside, outside = (ViewingCell("0000-00", (x, 5.0), (x + 5.0, 5.0), 1.0, (1.6, 1.8)) for x in (10.0, -30.0))
+    assert horizon_visible(scene, inside)[0].tolist() == [0, 1, 2]
+    assert 2 not in horizon_visible(scene, outside)[0]

@@ -333,10 +333,15 @@ def test_real_models(real_model):
 
 
 def test_cores_of_real_models_lie_within_their_bounds(real_model):
-    name, city, _ = real_model
+    name, city, report = real_model
     solid = sum(bool(one.core) for one in city.objects)
     assert solid >= {"DenHaag_01.json": 700, "delft.json": 140, "vienna.jsonl": 120}.get(Path(name).name, 0)
+    enclosed = [
+        note.examples for note in report.noted if note.what == "building: not closed, hides what its walls enclose"
+    ]
     for one in city.objects:
+        if any(one.id in examples for examples in enclosed):
+            continue  # may reach into what touches it
         for prism in one.core:
             outside = prism.footprint.difference(one.footprint.buffer(0.01))
             assert outside.area < 0.01

@@ -18,6 +18,7 @@ from citygen.buildings.houses import ROOF_KINDS, STYLES, house
 from mmi.city.model import CityObject, Prism, TriangleMesh
 from mmi.city.triangulate import triangulate
 from mmi.foundation.errors import CityError
+from mmi.reading.models.enclosures import note_open
 from mmi.reading.models.objects_from_meshes import _core, objects_from_models
 from mmi.reading.raw_layers import ModelLayer, RawModel
 from mmi.reading.report import Ledger
@@ -45,7 +46,9 @@ def as_objects(*meshes):
     """The meshes read as buildings, and the ledger."""
     ledger = Ledger()
     items = tuple(RawModel(f"m{i}", mesh) for i, mesh in enumerate(meshes))
-    return objects_from_models(ModelLayer("made", items, None), lambda points: points, ledger), ledger
+    objects, open_ids = objects_from_models(ModelLayer("made", items, None), lambda points: points, ledger)
+    note_open(objects, open_ids, ledger)
+    return objects, ledger
 
 
 def extruded(footprint, bottom, top):
