@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.capture.layer_values import DepthTexture
+from mmi.cells.viewing_cells import ViewingCell
+from mmi.city.model import City
 from mmi.foundation.kernels import kernel
 from mmi.visibility.selection import WallVisibility
 from mmi.visibility.walls import Walls
 
-__all__ = ["without_unseen"]
+__all__ = ["seen_of_meshes", "without_unseen"]
 
 _ON_WALL = 0.05
 """Metres that a captured point may lie off its wall; a thousandth of its distance is added, since depths are no more exact."""
@@ -24,6 +26,29 @@ _SAME = 1e-5
 """A point is on the same wall as the one above it where their distances differ by less than this share."""
 _ABOVE = 1.0
 """Metres: nobody in the cell has eyes this far above the reference viewpoint, so roofs that are higher cannot be seen."""
+
+
+def seen_of_meshes(
+    city: City, cell: ViewingCell, objects: NDArray[np.int64], walls: Walls, wall_visibility: WallVisibility
+) -> WallVisibility:
+    """``wall_visibility`` for what lies within the walls of detailed meshes among ``objects`` (n,), not only for the walls.
+
+    A wall that faces away is hidden, by its own prism if by nothing else. A mesh may be anywhere within the prism: a tower at
+    the back of a low house stands at that wall, in full sight. Who sees it looks into the prism through a wall that shows, and
+    not below what of that can be seen; from there upwards, if that is above all eyes. So along walls that face away from any
+    corner of the cell, what is higher than the lowest that shows of any wall of the object may be seen.
+    """
+    meshes = np.array([i for i in objects if city.objects[i].mesh is not None], dtype=np.int64)
+    lowest, eye = wall_visibility.lowest.copy(), cell.eye[1]
+    for i in meshes:
+        own = slice(walls.first[i], walls.first[i + 1])
+        least = float(wall_visibility.lowest[own].min())
+        if least <= eye or walls.top[own].min() < eye:
+            least = -np.inf  # lines of sight may go down there, or come in through a roof
+        a, b = (end[own, None, :] - cell.corners for end in (walls.a, walls.b))
+        away = (a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0] >= 0.0).any(axis=1)
+        lowest[own] = np.where(away, np.minimum(lowest[own], least), lowest[own])
+    return WallVisibility(lowest, wall_visibility.bits, wall_visibility.bins)
 
 
 def without_unseen(texture: DepthTexture, walls: Walls, wall_visibility: WallVisibility) -> DepthTexture:

@@ -5,15 +5,16 @@ import math
 import numpy as np
 import pytest
 from cities import block, cell_along_x, city_of
+from hills import triangles_of_prism
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles import viewpoints_within
-from shapely.geometry import Polygon
+from shapely.geometry import Polygon, box
 from solids import CELLS, SOLIDS, Solids, city_from
 
 from mmi.capture.layer_values import DepthTexture
-from mmi.capture.unseen import without_unseen
-from mmi.city.model import CityObject, Prism
+from mmi.capture.unseen import seen_of_meshes, without_unseen
+from mmi.city.model import CityObject, Prism, TriangleMesh
 from mmi.foundation.camera import level_view
 from mmi.visibility.horizon import horizon_visible, prepare_horizon
 from mmi.visibility.selection import WallVisibility
@@ -183,3 +184,48 @@ def test_a_low_house_in_front_takes_the_foot_of_a_tall_one_from_its_layer():
     exact = 1.9 + (8.0 - 1.9) * 53.0 / 23.0
     assert left.coverage[whole.coverage & (z > exact)].all()
     assert not left.coverage[z < 0.75 * exact].any()
+
+
+def behind_a_low_house(solid):
+    """A mesh that fills ``solid`` of a prism 40 m deep, behind a low house along the street."""
+    hull = Prism(box(-10.0, 50.0, 10.0, 90.0), 0.0, 30.0)
+    corners = triangles_of_prism(solid)
+    mesh = TriangleMesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+    return city_of(block("low", -200.0, 20.0, 200.0, 40.0, 8.0), CityObject("mesh", (hull,), mesh))
+
+
+@pytest.mark.parametrize("back", [90.0, 70.0])
+def test_of_a_mesh_what_stands_at_the_back_of_its_prism_stays(back):
+    """A tower whose front is 10 cm before the back wall of its prism, which nobody sees, or in the middle of it."""
+    tower = Prism(box(-10.0, back - 0.1, 10.0, back), 0.0, 30.0)
+    city, cell = behind_a_low_house(tower), cell_along_x(20.0, 3.0)
+    walls, seen = walls_of(city), horizon_visible(prepare_horizon(city), cell)[1]
+    view = level_view(cell.reference, 0.5 * math.pi, focal=200.0, window=(-64, -160, 128, 192))
+    tall = city_of(
+        *(CityObject(name, (prism,)) for name, prism in (("low", city.objects[0].prisms[0]), ("tower", tower)))
+    )
+    whole = captured(tall, [1], view)
+    z = cell.reference[2] + (back - 0.1) * heights(view)
+    exact = (
+        1.9 + (8.0 - 1.9) * (back + 2.9) / 23.0
+    )  # what the highest eye at the far side of the cell sees over the low house
+    shown = whole.coverage & (z > exact)
+    assert shown.any()
+    left = without_unseen(whole, walls, seen_of_meshes(city, cell, np.array([1]), walls, seen))
+    assert left.coverage[shown].all()
+    assert (back < 90.0) == bool(without_unseen(whole, walls, seen).coverage[shown].all())
+
+
+def test_of_a_mesh_what_a_house_before_it_hides_goes_as_for_prisms():
+    hull = Prism(box(-10.0, 50.0, 10.0, 90.0), 0.0, 30.0)
+    city, cell = behind_a_low_house(hull), cell_along_x(20.0, 3.0)
+    walls, seen = walls_of(city), horizon_visible(prepare_horizon(city), cell)[1]
+    meshes = seen_of_meshes(city, cell, np.array([0, 1]), walls, seen)
+    front = (walls.a[:, 1] == 50.0) & (walls.b[:, 1] == 50.0)
+    assert 8.0 < seen.lowest[front] < 20.0
+    assert meshes.lowest[front] == seen.lowest[front]
+    low = slice(walls.first[0], walls.first[1])
+    np.testing.assert_array_equal(meshes.lowest[low], seen.lowest[low])
+    back = (walls.a[:, 1] == 90.0) & (walls.b[:, 1] == 90.0)
+    assert seen.lowest[back] == np.inf
+    assert meshes.lowest[back] == seen.lowest[front]
