@@ -15,7 +15,7 @@ from mmi.appearance.city_mesh import triangles_of
 from mmi.capture.covered_pieces import covered_pieces
 from mmi.capture.layer_values import DepthTexture, GridMesh, Impostor, Layer, Promise
 from mmi.capture.rims import touching, with_rims
-from mmi.capture.unseen import without_unseen
+from mmi.capture.unseen import seen_of_meshes, without_unseen
 from mmi.capture.windows import layer_views
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.foundation.progress import Stopwatch
@@ -23,6 +23,7 @@ from mmi.meshing.displacement import displacement
 from mmi.meshing.grid_mesh import grid_mesh
 from mmi.meshing.ordering import CapturedLayer, out_of_order
 from mmi.parallax.from_anywhere import viewers_of
+from mmi.planning.mesh_rehearsal import MESH_VIEWPOINTS
 from mmi.planning.parameters import BuildParameters
 from mmi.planning.plan import CellPlan, PreparedCity, plan_cell
 
@@ -52,6 +53,9 @@ def capture_layers(
     samples = parameters.supersample if parameters.pictures == "all" else 1  # of colour, which meshes do not depend on
     with watch.stage("windows"):
         pairs = touching(prepared.city, plan.selection.objects)
+        seen = None
+        if wall_visibility is not None:
+            seen = seen_of_meshes(prepared.city, cell, plan.selection.far, prepared.walls, wall_visibility)
     for index, objects in enumerate(plan.layers):
         with watch.stage("windows"):
             views = layer_views(
@@ -74,8 +78,8 @@ def capture_layers(
                 with watch.stage("capture"):
                     whole, rim = next(textures), next(rims, None)
                 with watch.stage("meshing"):
-                    if wall_visibility is not None:
-                        whole = without_unseen(whole, prepared.walls, wall_visibility)
+                    if seen is not None:
+                        whole = without_unseen(whole, prepared.walls, seen)
                     if rim is not None:
                         whole = with_rims(whole, rim, ends, viewpoints=viewpoints, tolerance=tolerance)
                     pieces = covered_pieces(whole, quad=parameters.quad, half_width=half_width)
@@ -165,19 +169,20 @@ def _in_order(prepared: PreparedCity, plan: CellPlan, layers: Sequence[Layer]) -
 
 def _promise(prepared: PreparedCity, plan: CellPlan, layers: Sequence[Layer]) -> Promise:
     """What can be promised of these layers: the threshold where all that is shown is bounded, else nothing."""
-    parameters, selection = prepared.parameters, plan.selection
+    parameters = prepared.parameters
     camera, limit = parameters.camera, parameters.max_error_px
     displaced = camera.pixels_from_angle(max((one.displacement for one in layers), default=0.0))
-    detailed = any(prepared.city.objects[i].mesh is not None for i in selection.objects)
     withheld = None
     if not parameters.bounded:
         withheld = f"weights {parameters.weights} with layering {parameters.layering} keep no bound"
-    elif detailed:
-        withheld = "detailed meshes are in sight, whose own roofs and window reveals are not bounded"
     elif displaced > limit:
         withheld = f"a mesh may displace what it shows by {displaced:.1f} px, {limit:g} px were asked for"
     elif plan.missed is not None and plan.missed > limit:
         withheld = f"layers miss a region {plan.missed:.1f} px thick, {limit:g} px were asked for"
+    elif plan.detailed:
+        withheld = (
+            f"detailed meshes are in sight: what layers miss is measured from {MESH_VIEWPOINTS} viewpoints, not bounded"
+        )
     return Promise(
         error_px=limit if withheld is None else None,
         withheld=withheld,

@@ -22,6 +22,7 @@ from mmi.foundation.errors import ParameterError
 from mmi.foundation.progress import Stopwatch
 from mmi.planning.choices import blaming, function_of
 from mmi.planning.layering import assign_layers, boxes_of, event_graph
+from mmi.planning.mesh_rehearsal import rehearse_meshes
 from mmi.planning.parameters import BuildParameters
 from mmi.planning.rehearsal import rehearse
 from mmi.planning.segmentation import NearSettings
@@ -35,6 +36,8 @@ __all__ = ["CellPlan", "PreparedCity", "landmark_factors", "plan_cell", "prepare
 
 _COLUMNS = 30_000
 """A rehearsed picture has at most so many columns around the cell; pixels are made wider where it would have more."""
+_MESH_COLUMNS = 8_000
+"""The same where meshes are drawn, with a depth for every pixel of every layer."""
 _REHEARSED = 10.0
 """In a rehearsed picture the threshold is at most so many pixels; pixels are made larger where it would be more."""
 
@@ -64,7 +67,7 @@ class CellPlan:
     ``pairs`` (m, 2) are indices into the city's objects of far objects that can overlap in the image, ``weights`` (m,)
     their weights in radians (landmark factors not applied); ``graph`` is the graph of visibility events above the threshold;
     ``layers`` are its colours: arrays of object indices; ``missed`` is how thick a region they may miss together, in pixels,
-    where that is bounded (:mod:`mmi.planning.rehearsal`).
+    where that is bounded (:mod:`mmi.planning.rehearsal`), or measured (:mod:`mmi.planning.mesh_rehearsal`).
     """
 
     selection: Selection
@@ -73,6 +76,12 @@ class CellPlan:
     graph: nx.Graph
     layers: tuple[NDArray[np.int64], ...]
     missed: float | None
+
+    @property
+    def detailed(self) -> bool:
+        """Whether there are meshes in sight, near or far: objects that are not the prisms around them."""
+        objects = self.selection.city.objects
+        return any(objects[i].mesh is not None for i in self.selection.objects)
 
 
 def landmark_factors(city: City, parameters: BuildParameters) -> dict[int, float]:
@@ -149,17 +158,16 @@ def _rehearsed(prepared: PreparedCity, plan: CellPlan) -> CellPlan:
     """The plan with those far objects made near of which its layers together would miss too much."""
     parameters, selection = prepared.parameters, plan.selection
     width, height = parameters.camera.border_pixel
+    columns = _MESH_COLUMNS if plan.detailed else _COLUMNS
     # Display pixels that are one here.
-    coarse = max(parameters.max_error_px / _REHEARSED, 2.0 * math.pi / (_COLUMNS * width), 1.0)
-    found = rehearse(
-        selection.cell,
-        prepared.walls,
-        selection.objects,
-        plan.layers,
-        selection.wall_visibility,
-        pixel=(coarse * width, coarse * height),
-        limit=parameters.max_error_px / coarse,
-    )
+    coarse = max(parameters.max_error_px / _REHEARSED, 2.0 * math.pi / (columns * width), 1.0)
+    cell, objects, limit = selection.cell, selection.objects, parameters.max_error_px / coarse
+    pixel = (coarse * width, coarse * height)
+    if plan.detailed:
+        found = rehearse_meshes(cell, prepared.mesh, objects, plan.layers, pixel=pixel, limit=limit)
+    else:
+        visibility = selection.wall_visibility
+        found = rehearse(cell, prepared.walls, objects, plan.layers, visibility, pixel=pixel, limit=limit)
     demoted, missed = found.demoted, coarse * found.thickness
     graph = plan.graph.copy()
     graph.remove_nodes_from(demoted.tolist())

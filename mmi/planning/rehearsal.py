@@ -8,7 +8,7 @@ From a viewpoint M the walls are met column by column of azimuth, front to back,
 object, say. X will be there if the layer's picture has it: if the texel that X falls into, seen from the reference viewpoint
 C, shows X's own wall, or its object within a pixel of X as M sees it. If not it is missed, and what is missed makes a picture.
 Walls that face C with nothing of their layer before them are captured anyway, and not looked for. Where the largest disc
-(:mod:`mmi.foundation.thickness`) exceeds the limit, the object that covers most of it stays geometry.
+(:mod:`mmi.planning.missed_regions`) exceeds the limit, the object that covers most of it stays geometry.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.foundation.kernels import kernel
-from mmi.foundation.thickness import largest_disc
+from mmi.planning.missed_regions import WORTH_KNOWING, thickest_region
 from mmi.visibility.horizon_sweep import BINS
 from mmi.visibility.selection import WallVisibility
 from mmi.visibility.visible_walls import around, seen_from
@@ -32,12 +32,8 @@ __all__ = ["Rehearsal", "rehearse"]
 
 _STEEPEST = 10.0
 """What is steeper than this slope, up or down, is not looked at."""
-_WRAP = 64
-"""So many columns are looked at twice, so that a region across the seam of the panorama is found whole."""
 _CLOSEST = 1e-3
 """Metres: nothing counts as closer to a viewpoint."""
-_WORTH_KNOWING = 0.75
-"""Regions that are less thick than this share of the limit are not measured."""
 _OTHER, _OPEN, _MISSED = 0, 1, 2
 """States of a pixel of a wall: hidden from M or captured; not yet known; missed."""
 
@@ -126,7 +122,7 @@ def rehearse(
     )
     buffer, spans = np.empty(0, dtype=np.int32), np.empty((columns, 2), dtype=np.int64)
     demoted: list[int] = []
-    thickest = _WORTH_KNOWING * limit
+    thickest = WORTH_KNOWING * limit
     for k, viewpoint in enumerate(around(cell.corners - (x, y), seen.shape[1])):
         from_m = a - viewpoint, b - viewpoint
         front = _faces(*from_m)
@@ -148,7 +144,7 @@ def rehearse(
         while True:
             picture = _Picture(missed, spans, down, pixel[1])
             _look(_Walls(bottom, top, owner, faces), layer, sought, met, viewpoint, captured, rays, picture)
-            thick, inside = _thickest(missed, spans, thickest)
+            thick, inside = thickest_region(missed, spans, thickest)
             if thick <= limit:
                 break
             names, counts = np.unique(inside, return_counts=True)
@@ -169,59 +165,6 @@ def _distances(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.flo
     step = b - a
     t = np.clip(-np.sum(a * step, axis=1) / np.maximum(np.sum(step * step, axis=1), 1e-12), 0.0, 1.0)
     return np.asarray(np.hypot(*(a + t[:, None] * step).T), dtype=np.float64)
-
-
-def _thickest(missed: NDArray[np.int32], spans: NDArray[np.int64], known: float) -> tuple[float, NDArray[np.int32]]:
-    """Diameter of the largest disc of what :func:`_look` found, if above ``known`` (else 0), and what the disc holds."""
-    ends = _squares(missed, spans, max(math.ceil(known / math.sqrt(2.0)), 1))
-    most, inside = 0.0, np.empty(0, dtype=np.int32)
-    if not len(ends):
-        return most, inside
-    reach = 2 * int(ends[:, 2].max()) + 2
-    groups = np.split(ends, np.flatnonzero(np.diff(ends[:, 0]) > reach) + 1)
-    for group in sorted(groups, key=lambda one: -int(one[:, 2].max())):
-        # All pixels that a disc of diameter d touches are missed: those of a square of side d / sqrt(2) and more.
-        if group[:, 2].max() * math.sqrt(2.0) <= max(most, known):
-            break
-        columns = np.arange(group[0, 0] - reach, group[-1, 0] + reach) % len(missed)
-        rows = np.arange(max(group[:, 1].min() - reach, 0), min(group[:, 1].max() + reach, missed.shape[1]))
-        within = (rows >= spans[columns, :1]) & (rows < spans[columns, 1:])
-        part = np.where(within, missed[np.ix_(columns, rows)], -1)
-        thick, (column, row) = largest_disc(part >= 0)
-        if thick > max(most, known):
-            i, j = np.nonzero(part >= 0)
-            held = np.hypot(i + 0.5 - column, j + 0.5 - row) <= 0.5 * thick
-            most, inside = thick, part[i[held], j[held]]
-    return most, inside
-
-
-@kernel(error_model="numpy")
-def _squares(missed: NDArray[np.int32], spans: NDArray[np.int64], least: int) -> NDArray[np.int64]:
-    """Column, row and side of squares inside what is missed that end there and have ``least`` pixels a side or more."""
-    columns, rows = missed.shape
-    found = np.empty((1024, 3), dtype=np.int64)
-    count = 0
-    before, here = np.zeros(rows + 1, dtype=np.int64), np.zeros(rows + 1, dtype=np.int64)  # of the row before
-    from_row, to_row = 0, 0
-    for turned in range(columns + _WRAP):
-        c = turned % columns
-        low, high = spans[c]
-        for r in range(low, high):
-            side = 0
-            if missed[c, r] >= 0:
-                side = 1 + min(before[r], before[r + 1], here[r])
-                if side >= least:
-                    if count == len(found):
-                        more = np.empty((2 * count, 3), dtype=np.int64)
-                        more[:count] = found
-                        found = more
-                    found[count] = turned, r, side
-                    count += 1
-            here[r + 1] = side
-        before[from_row + 1 : to_row + 1] = 0
-        before, here = here, before
-        from_row, to_row = low, high
-    return found[:count].copy()
 
 
 @kernel(error_model="numpy")

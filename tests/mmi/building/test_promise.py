@@ -66,9 +66,12 @@ def test_detailed_meshes_in_sight_are_not_bounded(made):
     seen = int(plan.selection.objects[0])
     objects = list(prepared.city.objects)
     objects[seen] = replace(objects[seen], mesh=open_box())
-    promise = _promise(replace(prepared, city=replace(prepared.city, objects=tuple(objects))), plan, impostor.layers)
+    selection = replace(plan.selection, city=replace(prepared.city, objects=tuple(objects)))
+    promise = _promise(prepared, replace(plan, selection=selection), impostor.layers)
     assert promise.error_px is None
-    assert promise.withheld == "detailed meshes are in sight, whose own roofs and window reveals are not bounded"
+    assert promise.withheld == (
+        "detailed meshes are in sight: what layers miss is measured from 16 viewpoints, not bounded"
+    )
 
 
 def test_the_summary_counts_what_is_withheld_and_what_is_removed(tmp_path):
