@@ -26,7 +26,9 @@ def with_first_picture(dataset, **fields):
     one = replace(layers[k][0], **fields)
     layers[k][0] = replace(one, name=f"s{k}.l{one.index}" + (f".{one.piece}" if one.piece else ""))
     triangles = sum(one.triangles for sector in layers for one in sector)
-    return with_first_cell(dataset, layers=tuple(map(tuple, layers)), triangles=triangles)
+    load = replace(entry.frame.layers, triangles=entry.near_triangles + triangles)
+    frame = replace(entry.frame, layers=load)
+    return with_first_cell(dataset, layers=tuple(map(tuple, layers)), triangles=triangles, frame=frame)
 
 
 def sign_again(path, edit):

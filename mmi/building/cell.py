@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mmi.appearance.city_mesh import triangles_of
+from mmi.building.cheaper import without_dear_layers
 from mmi.capture.covered_pieces import covered_pieces
 from mmi.capture.layer_values import DepthTexture, GridMesh, Impostor, Layer, Promise
 from mmi.capture.rims import touching, with_rims
@@ -125,9 +126,16 @@ def _meshed(
 def capture_cell(
     prepared: PreparedCity, plan: CellPlan, capturer: Capturer, *, watch: Stopwatch | None = None
 ) -> Impostor:
-    """The impostor that a plan describes, its triangles in the order in which they can be drawn."""
+    """The impostor that a plan describes, its triangles in the order in which they can be drawn.
+
+    Where the parameters ask for it, it has no layers that cost more than what is in them (:mod:`mmi.building.cheaper`).
+    """
     watch, selection = watch or Stopwatch(), plan.selection
     layers = list(capture_layers(prepared, plan, capturer, watch=watch))
+    visible = int(prepared.mesh.triangle_counts[selection.objects].sum())
+    if prepared.parameters.geometry == "cheaper":
+        plan, layers = without_dear_layers(prepared, plan, layers)
+        selection = plan.selection
     with watch.stage("ordering"):
         ordered = _in_order(prepared, plan, layers)
     return Impostor(
@@ -137,6 +145,7 @@ def capture_cell(
         layers=ordered,
         sectors=prepared.parameters.sectors,
         near_triangles=int(prepared.mesh.triangle_counts[selection.near].sum()),
+        visible_triangles=visible,
         promise=_promise(prepared, plan, ordered),
     )
 
@@ -173,7 +182,9 @@ def _promise(prepared: PreparedCity, plan: CellPlan, layers: Sequence[Layer]) ->
     camera, limit = parameters.camera, parameters.max_error_px
     displaced = camera.pixels_from_angle(max((one.displacement for one in layers), default=0.0))
     withheld = None
-    if not parameters.bounded:
+    if not plan.layers:
+        pass  # where all is geometry, nothing is wrong
+    elif not parameters.bounded:
         withheld = f"weights {parameters.weights} with layering {parameters.layering} keep no bound"
     elif displaced > limit:
         withheld = f"a mesh may displace what it shows by {displaced:.1f} px, {limit:g} px were asked for"

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from mmi.building.cell_choice import CellChoice, choose_cells
+from mmi.building.city_costs import CityCosts, city_costs, triangles_as_read
 from mmi.building.halving import whole_of, with_halves_joined
 from mmi.building.workers import Done, Job, costs_over_budget, run_jobs
 from mmi.city.codec import city_to_json
@@ -58,6 +59,7 @@ class BuildSummary:
     """Cells of an earlier build with other parameters or another city, or parts of such, that were not asked for now."""
     withheld: dict[str, str]
     """Cells whose errors are not bounded: id -> why, in words."""
+    costs: CityCosts
 
 
 def build_dataset(
@@ -87,7 +89,7 @@ def build_dataset(
         cells if isinstance(cells, CellChoice) else choose_cells(city, parameters, cells=cells, max_cells=max_cells)
     )
     graph, names = chosen.graph, chosen.names
-    city = cut_objects(city, parameters.longest_object)
+    read, city = city, cut_objects(city, parameters.longest_object)
     with build_folder(Path(out)) as folder:
         stored = city_to_json(city)
         settings = {"format": FORMAT_VERSION, "version": package_version(), "parameters": parameters.as_dict()}
@@ -125,6 +127,12 @@ def build_dataset(
             workers,
             parts,
             len({whole_of(name) for name in stale} - {whole_of(name) for name in present}),
+            city_costs(
+                manifest,
+                objects_read=len(read.objects),
+                triangles_read=triangles_as_read(read, shared.triangles, city),
+                all_metres=graph.graph["report"].cell_length,
+            ),
         )
         folder.write("build.json", readable_json(_build_json(summary)))
     return summary
@@ -179,6 +187,7 @@ def _summary(
     workers: int,
     parts: int,
     removed: int,
+    costs: CityCosts,
 ) -> BuildSummary:
     stages: dict[str, float] = {}
     peaks: dict[int, int] = {os.getpid(): peak_memory()}
@@ -204,6 +213,7 @@ def _summary(
         over_budget={cell: costs for cell, costs in over.items() if costs},
         removed=removed,
         withheld={entry.id: entry.promise_withheld for entry in manifest.cells if entry.promise_withheld is not None},
+        costs=costs,
     )
 
 

@@ -10,7 +10,7 @@ from mmi.city.model import City
 from mmi.dataset.manifest import CellEntry
 from mmi.dataset.reading import Dataset
 from mmi.foundation.errors import DatasetError, ParameterError
-from mmi.planning.plan import CellPlan, PreparedCity, plan_cell, prepare_city
+from mmi.planning.plan import CellPlan, PreparedCity, plan_cell, prepare_city, without_layers
 from mmi.visibility.item_buffer import Identify
 
 __all__ = ["planned_again", "prepared_again"]
@@ -39,6 +39,9 @@ def planned_again(
     stored = [(far[place], one.index) for _, one in entry.pictures for place in one.objects]
     plan = plan_cell(prepared, cell, identify=identify)
     names = [one.id for one in prepared.city.objects]
+    if prepared.parameters.geometry == "cheaper":  # which layers cost more is known only once they are captured
+        kept_near = set(near)
+        plan = without_layers(plan, {k for k, layer in enumerate(plan.layers) if names[layer[0]] in kept_near})
     layer_of = {names[i]: index for index, members in enumerate(plan.layers) for i in members}
     for what, found, expected in (
         ("near objects", [names[i] for i in plan.selection.near], near),

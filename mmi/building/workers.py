@@ -17,7 +17,9 @@ import numpy as np
 
 from mmi.appearance.city_mesh import CityMesh
 from mmi.building.cell import capture_cell
+from mmi.building.cheaper import cheaper_as_geometry
 from mmi.building.halving import exceeded, halves
+from mmi.capture.layer_values import Impostor
 from mmi.cells.viewing_cells import ViewingCell
 from mmi.city.codec import city_from_json, object_fingerprints
 from mmi.city.model import City
@@ -31,7 +33,7 @@ from mmi.foundation.plug_ins import said
 from mmi.foundation.processes import how_it_ended, package_version, peak_memory, quiet_libraries, without_interrupts
 from mmi.foundation.progress import Stopwatch
 from mmi.planning.parameters import BuildParameters
-from mmi.planning.plan import CellPlan, plan_cell, prepare_city
+from mmi.planning.plan import CellPlan, plan_cell, prepare_city, without_layers
 
 __all__ = ["Done", "Job", "costs_over_budget", "run_jobs"]
 
@@ -112,17 +114,27 @@ class _Worker:
         if may_cut and exceeded(parameters, layers=len(plan.layers)):
             return None
         impostor = capture_cell(self.prepared, plan, self.capturer, watch=watch)
+        entry = self._written(job, impostor, watch)
+        if cheaper_as_geometry(parameters, entry):
+            everything = without_layers(plan, range(len(plan.layers)))
+            geometry = self._written(job, capture_cell(self.prepared, everything, self.capturer, watch=watch), watch)
+            entry = replace(geometry, frame=entry.frame)  # which says what was compared
+        return None if may_cut and costs_over_budget(parameters, entry) else entry
+
+    def _written(self, job: Job, impostor: Impostor, watch: Stopwatch) -> CellEntry:
+        """Write the cell's files; its entry."""
+        parameters = self.prepared.parameters
         with watch.stage("writing"):
-            entry = write_cell(
+            return write_cell(
                 self.folder,
                 impostor,
                 self.ids,
                 camera=parameters.camera,
                 neighbours=job.neighbours,
+                costs=parameters.costs,
                 quality=parameters.texture_quality,
                 pictures=parameters.pictures == "all",
             )
-        return None if may_cut and costs_over_budget(parameters, entry) else entry
 
     def _content(self, job: Job, plan: CellPlan) -> str:
         """Fingerprint of everything that the cell's files and its entry are made from."""

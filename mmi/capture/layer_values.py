@@ -155,7 +155,8 @@ class Promise:
 class Impostor:
     """A cell's multi-mesh impostor: objects that stay geometry (indices into the city's objects), and the layers.
 
-    The layers show the ``far`` objects in ``sectors`` views around the cell; ``near_triangles`` are those of the near ones.
+    The layers show the ``far`` objects in ``sectors`` views around the cell; ``near_triangles`` are those of the near ones,
+    ``visible_triangles`` those of both.
     """
 
     cell: ViewingCell
@@ -164,4 +165,5 @@ class Impostor:
     layers: tuple[Layer, ...]
     sectors: int
     near_triangles: int
+    visible_triangles: int
     promise: Promise

@@ -18,6 +18,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +31,11 @@ from mmi.capture.layer_values import DepthTexture, GridMesh, Impostor, Layer, La
 from mmi.city.model import City
 from mmi.dataset.folder import DatasetFolder
 from mmi.dataset.glb import GlbContents, GlbImage, GlbNode, GlbPrimitive, glb_bytes, read_glb
-from mmi.dataset.manifest import CellEntry, CellFiles, LayerEntry
+from mmi.dataset.manifest import CellEntry, CellFiles, FrameEntry, LayerEntry, LoadEntry
 from mmi.dataset.reading import Dataset
 from mmi.foundation.camera import Camera, View
 from mmi.foundation.errors import DatasetError, ParameterError
+from mmi.planning.frame_costs import FrameCosts, FrameLoad
 
 __all__ = ["read_depths", "read_impostor", "read_meshes", "read_pictures", "write_cell"]
 
@@ -47,13 +49,15 @@ def write_cell(
     *,
     camera: Camera,
     neighbours: Sequence[str],
+    costs: FrameCosts,
     quality: int = 75,
     pictures: bool = True,
 ) -> CellEntry:
     """Write a cell's glTF and, with ``pictures``, its EXR; its entry in the manifest. Without, the glTF has meshes alone.
 
-    ``ids`` are those of the city's objects, ``camera`` is the display that pixels are of, ``quality`` that of WebP (100 is
-    lossless). An EXR of an earlier build is removed where the cell has none now. Raises DatasetError where files cannot be
+    ``ids`` are those of the city's objects, ``camera`` is the display that pixels are of, ``costs`` tell what a frame costs,
+    ``quality`` is that of WebP (100 is lossless).
+    An EXR of an earlier build is removed where the cell has none now. Raises DatasetError where files cannot be
     written.
     """
     cell, promise = impostor.cell, impostor.promise
@@ -72,6 +76,12 @@ def write_cell(
         exr = folder.write_with(f"cells/{cell.id}.exr", lambda path: _write_exr(path, parts))
     else:
         folder.remove(f"cells/{cell.id}.exr")
+    triangles = sum(len(layer.mesh.triangles) for layer in impostor.layers)
+    texels = sum(layer.texture.depth.size for layer in impostor.layers)
+    size = glb.bytes + (0 if exr is None else exr.bytes)
+    near, visible = impostor.near_triangles, impostor.visible_triangles
+    draws = (near > 0) + (triangles > 0)
+    loads = FrameLoad(near + triangles, draws, texels, size), FrameLoad(visible, int(visible > 0))
     return CellEntry(
         id=cell.id,
         street=cell.street,
@@ -84,10 +94,11 @@ def write_cell(
         near=tuple(ids[i] for i in impostor.near),
         far=tuple(ids[i] for i in impostor.far),
         layers=tuple(map(tuple, sectors)),
-        triangles=sum(len(layer.mesh.triangles) for layer in impostor.layers),
-        near_triangles=impostor.near_triangles,
-        texels=sum(layer.texture.depth.size for layer in impostor.layers),
-        bytes=glb.bytes + (0 if exr is None else exr.bytes),
+        triangles=triangles,
+        near_triangles=near,
+        texels=texels,
+        bytes=size,
+        frame=FrameEntry(*(LoadEntry(**asdict(load), cost=load.cost(costs)) for load in loads)),
         promised_error_px=promise.error_px,
         promise_withheld=promise.withheld,
         largest_weight_px=promise.largest_weight_px,
@@ -198,6 +209,7 @@ def read_impostor(dataset: Dataset, cell: str, city: City) -> Impostor:
         layers=tuple(layers),
         sectors=len(entry.layers),
         near_triangles=entry.near_triangles,
+        visible_triangles=entry.frame.geometry.triangles,
         promise=Promise(
             error_px=entry.promised_error_px,
             withheld=entry.promise_withheld,

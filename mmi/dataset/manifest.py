@@ -21,6 +21,7 @@ from mmi.cells.viewing_cells import ViewingCell
 from mmi.foundation.camera import View, level_view
 from mmi.foundation.errors import DatasetError, ParameterError
 from mmi.foundation.json_forms import canonical_json, readable_json, with_checksum
+from mmi.planning.frame_costs import FrameLoad
 from mmi.planning.parameters import BuildParameters
 
 __all__ = [
@@ -32,7 +33,9 @@ __all__ = [
     "CityEntry",
     "CityFiles",
     "FileEntry",
+    "FrameEntry",
     "LayerEntry",
+    "LoadEntry",
     "Manifest",
     "manifest_from_json",
     "manifest_to_json",
@@ -40,7 +43,7 @@ __all__ = [
     "record_to_json",
 ]
 
-FORMAT_VERSION = 9
+FORMAT_VERSION = 10
 PROGRAM = "build-impostors"
 """What writes datasets, as ``build.json`` and messages say."""
 _CONTRADICTIONS = (ParameterError, ValueError, OverflowError)
@@ -86,6 +89,25 @@ class CellFiles:
 
 
 @dataclass(frozen=True, slots=True)
+class LoadEntry:
+    """What a frame draws in all directions, what of it is the cell's own, and what that costs as a number of triangles."""
+
+    triangles: int
+    draws: int
+    texels: int
+    bytes: int
+    cost: float
+
+
+@dataclass(frozen=True, slots=True)
+class FrameEntry:
+    """A frame of a cell, stored as one of both: as near objects and layers, and as all geometry that may be visible."""
+
+    layers: LoadEntry
+    geometry: LoadEntry
+
+
+@dataclass(frozen=True, slots=True)
 class CellEntry:
     """A viewing cell and its impostor. Metres in the city's frame, pixels of the display; ``layers`` are those of each sector.
 
@@ -108,6 +130,7 @@ class CellEntry:
     near_triangles: int
     texels: int
     bytes: int
+    frame: FrameEntry
     promised_error_px: float | None
     promise_withheld: str | None
     largest_weight_px: float
@@ -266,6 +289,17 @@ def manifest_from_json(data: bytes, *, name: str) -> Manifest:
         for cell in cells:
             if cell.promised_error_px not in (None, parameters.max_error_px):
                 raise ValueError(f"cell {cell.id}: a promise of {parameters.max_error_px:g} px or none expected")
+            drawn = cell.near_triangles + cell.triangles
+            if cell.pictures and cell.frame.layers.triangles != drawn:
+                raise ValueError(
+                    f"cell {cell.id}: a frame of {drawn} triangles expected, found {cell.frame.layers.triangles}"
+                )
+            for load in (cell.frame.layers, cell.frame.geometry):
+                cost = FrameLoad(load.triangles, load.draws, load.texels, load.bytes).cost(parameters.costs)
+                if not math.isclose(load.cost, cost, rel_tol=1e-9):
+                    raise ValueError(
+                        f"cell {cell.id}: a frame that costs {cost:g} triangles expected, found {load.cost:g}"
+                    )
             if (cell.files.exr is not None) != (bool(cell.pictures) and parameters.pictures == "all"):
                 raise ValueError(f"cell {cell.id}: an EXR expected where there are pictures of layers, and only there")
     except _CONTRADICTIONS as error:
@@ -333,6 +367,7 @@ def _cell_from_dict(cell: Mapping[str, Any]) -> CellEntry:
             "axis": (tuple(p), tuple(q)),
             "layers": tuple(tuple(_layer_from_dict(one) for one in sector) for sector in cell["layers"]),
             "files": CellFiles(**{key: FileEntry(**file) for key, file in cell["files"].items()}),
+            "frame": FrameEntry(**{key: LoadEntry(**load) for key, load in cell["frame"].items()}),
             **{name: tuple(cell[name]) for name in ("eye", "reference", "neighbours", "near", "far")},
         }
     )

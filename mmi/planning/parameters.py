@@ -12,12 +12,15 @@ from mmi.foundation.camera import Camera
 from mmi.foundation.errors import ParameterError
 from mmi.foundation.plug_ins import PlugIn
 from mmi.planning.choices import LAYERINGS, NEAR_STAGES, WEIGHTS, Choice, choose
+from mmi.planning.frame_costs import FrameCosts
 
-__all__ = ["PICTURES", "VISIBILITIES", "BuildParameters"]
+__all__ = ["GEOMETRIES", "PICTURES", "VISIBILITIES", "BuildParameters"]
 
 VISIBILITIES = ("horizon", "item-buffer")
 PICTURES = ("all", "none")
 """Which pictures of layers a dataset stores."""
+GEOMETRIES = ("near", "cheaper")
+"""What is drawn as geometry: near objects, or also what costs less than its layers do."""
 _LEFT_OUT = MappingProxyType({"near_stage": None, "pictures": "all"})
 """Parameters that are not written where they have these values, so that datasets keep the bytes that they had without them."""
 _OwnOr = str | Callable[..., Any] | PlugIn
@@ -76,6 +79,12 @@ class BuildParameters:
     """``none`` stores meshes and how they were captured, but no pictures, depths or ids (paper section 5.2): who draws the
     layers captures those from the city's geometry, with one sample a texel.
     """
+    geometry: str = "near"
+    """``cheaper`` keeps, beside near objects, all objects of a layer as geometry where that costs less than the layer, and all
+    that is visible from a cell where that costs less than the cell's layers (:mod:`mmi.building.cheaper`).
+    """
+    costs: FrameCosts = field(default_factory=FrameCosts)
+    """What is compared then, and what the manifest says that frames cost."""
 
     def __post_init__(self) -> None:
         try:
@@ -116,6 +125,8 @@ class BuildParameters:
         expect(0.1 <= self.steepest <= 10.0, "steepest", "a slope from 0.1 to 10")
         expect(self.visibility in VISIBILITIES, "visibility", " or ".join(VISIBILITIES))
         expect(self.pictures in PICTURES, "pictures", " or ".join(PICTURES))
+        expect(self.geometry in GEOMETRIES, "geometry", " or ".join(GEOMETRIES))
+        expect(isinstance(self.costs, FrameCosts), "costs", "FrameCosts")
         for name, table in (("weights", WEIGHTS), ("layering", LAYERINGS), ("near_stage", NEAR_STAGES)):
             if name != "near_stage" or self.near_stage is not None:
                 object.__setattr__(self, name, choose(table, getattr(self, name), what=name).text)
@@ -184,7 +195,8 @@ class BuildParameters:
             low, high = values["eye"]
             camera = Camera(**values["camera"])
             landmarks = tuple((str(name), float(factor)) for name, factor in values["landmarks"])
-            made = cls(**{**values, "camera": camera, "landmarks": landmarks, "eye": (low, high)})
+            costs = FrameCosts(**values["costs"])
+            made = cls(**{**values, "camera": camera, "landmarks": landmarks, "eye": (low, high), "costs": costs})
         except (TypeError, ValueError) as error:
             raise ParameterError(f"parameters as stored by build-impostors expected, found others ({error})") from error
         for name, count in (

@@ -7,8 +7,8 @@ geometry, which of the rest can share a layer. Plans are captured and meshed by 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import networkx as nx
@@ -32,7 +32,7 @@ from mmi.visibility.item_buffer import Identify, item_buffer_extractor
 from mmi.visibility.selection import Extractor, Selection, everything
 from mmi.visibility.walls import Walls, walls_of
 
-__all__ = ["CellPlan", "PreparedCity", "landmark_factors", "plan_cell", "prepare_city"]
+__all__ = ["CellPlan", "PreparedCity", "landmark_factors", "plan_cell", "prepare_city", "without_layers"]
 
 _COLUMNS = 30_000
 """A rehearsed picture has at most so many columns around the cell; pixels are made wider where it would have more."""
@@ -67,7 +67,8 @@ class CellPlan:
     ``pairs`` (m, 2) are indices into the city's objects of far objects that can overlap in the image, ``weights`` (m,)
     their weights in radians (landmark factors not applied); ``graph`` is the graph of visibility events above the threshold;
     ``layers`` are its colours: arrays of object indices; ``missed`` is how thick a region they may miss together, in pixels,
-    where that is bounded (:mod:`mmi.planning.rehearsal`), or measured (:mod:`mmi.planning.mesh_rehearsal`).
+    where that is bounded (:mod:`mmi.planning.rehearsal`), or measured (:mod:`mmi.planning.mesh_rehearsal`); ``cheaper`` (k,)
+    are near objects whose layers cost more than they do (:func:`without_layers`).
     """
 
     selection: Selection
@@ -76,6 +77,7 @@ class CellPlan:
     graph: nx.Graph
     layers: tuple[NDArray[np.int64], ...]
     missed: float | None
+    cheaper: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     @property
     def detailed(self) -> bool:
@@ -168,17 +170,31 @@ def _rehearsed(prepared: PreparedCity, plan: CellPlan) -> CellPlan:
     else:
         visibility = selection.wall_visibility
         found = rehearse(cell, prepared.walls, objects, plan.layers, visibility, pixel=pixel, limit=limit)
-    demoted, missed = found.demoted, coarse * found.thickness
-    graph = plan.graph.copy()
-    graph.remove_nodes_from(demoted.tolist())
-    pairs = ~np.isin(plan.pairs, demoted).any(axis=1)
-    layers = (np.setdiff1d(layer, demoted, assume_unique=True) for layer in plan.layers)
+    return replace(_with_near(plan, found.demoted), missed=coarse * found.thickness)
+
+
+def without_layers(plan: CellPlan, dropped: Collection[int]) -> CellPlan:
+    """The plan without those of its layers (numbers): what is in them is near, since it costs less as geometry."""
+    if not dropped:
+        return plan
+    objects = np.sort(np.concatenate([plan.layers[k] for k in sorted(dropped)]))
+    left = _with_near(plan, objects)
+    # Nothing is missed where everything is drawn.
+    missed = plan.missed if left.layers or plan.missed is None else 0.0
+    return replace(left, missed=missed, cheaper=np.union1d(plan.cheaper, objects))
+
+
+def _with_near(plan: CellPlan, objects: NDArray[np.int64]) -> CellPlan:
+    """The plan with some far objects near, and without the layers that have no others."""
+    selection, graph = plan.selection, plan.graph.copy()
+    graph.remove_nodes_from(objects.tolist())
+    pairs = ~np.isin(plan.pairs, objects).any(axis=1)
+    layers = (np.setdiff1d(layer, objects, assume_unique=True) for layer in plan.layers)
     return replace(
         plan,
-        selection=replace(selection, near=np.concatenate([selection.near, demoted])),
+        selection=replace(selection, near=np.concatenate([selection.near, objects])),
         pairs=plan.pairs[pairs],
         weights=plan.weights[pairs],
         graph=graph,
         layers=tuple(layer for layer in layers if layer.size),
-        missed=missed,
     )

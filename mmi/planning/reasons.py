@@ -25,7 +25,8 @@ class NearReason:
     all together have at most so many triangles; ``found`` is the object's), ``slope`` (its rise over its distance: above the
     limit), ``parallax`` (radians of itself that a picture misses: above the limit), ``layers`` (the thickest region that all
     layers together would have missed was above the limit in pixels, and this object had the largest part of it; ``found`` is
-    infinite, as it was not kept), ``own`` (a near stage from outside the package says so).
+    infinite, as it was not kept), ``cost`` (the layer that it would be in, or all layers, cost more than the geometry;
+    no figures), ``own`` (a near stage from outside the package says so).
     """
 
     rule: str
@@ -38,6 +39,8 @@ def near_reasons(prepared: PreparedCity, plan: CellPlan, index: int) -> tuple[Ne
     selection, parameters = plan.selection, prepared.parameters
     if index not in selection.near:
         raise ValueError(f"a near object of cell {selection.cell.id} expected, found {index}")
+    if index in plan.cheaper:
+        return (NearReason("cost", math.nan, math.nan),)
     if parameters.chosen_near_stage.version is not None:
         return (NearReason("own", math.nan, math.nan),)
     place = int(np.searchsorted(selection.objects, index))

@@ -5,17 +5,17 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from dataclasses import asdict, astuple
+from typing import TYPE_CHECKING, NoReturn
 
 from mmi.foundation.camera import Camera
-from mmi.foundation.errors import ParameterError, one_line
+from mmi.foundation.errors import ParameterError
 from mmi.foundation.processes import usable_cores
 from mmi.planning.choices import LAYERINGS, WEIGHTS, Choice
-from mmi.planning.parameters import PICTURES, VISIBILITIES, BuildParameters
+from mmi.planning.frame_costs import FrameCosts
+from mmi.planning.parameters import GEOMETRIES, PICTURES, VISIBILITIES, BuildParameters
 from mmi.programs.city_arguments import add_city_arguments, read_options
 from mmi.programs.city_told import print_city_report
 from mmi.programs.command_line import (
@@ -29,11 +29,7 @@ from mmi.programs.command_line import (
 )
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
-    from mmi.building.cell_choice import CellChoice
-    from mmi.building.dataset import BuildSummary
-    from mmi.cells.viewing_cells import CellReport
+    pass
 
 __all__ = ["build_impostors"]
 
@@ -120,6 +116,21 @@ def _build_parser() -> Parser:
         help="objects nearer than this stay geometry (default: %(default)g)",
     )
     near.add_argument("--near-triangles", type=int, metavar="N", help="or: the nearest, up to so many triangles")
+    method.add_argument(
+        "--geometry",
+        choices=GEOMETRIES,
+        default="cheaper",
+        help="what stays geometry: near objects alone, or also what costs less than its layers, whole cells too (default: "
+        "%(default)s)",
+    )
+    method.add_argument(
+        "--costs",
+        type=_costs,
+        default=default.costs,
+        metavar="D,T,B",
+        help="what is compared: how many triangles a draw, a thousand texels and a thousand bytes of a cell are worth "
+        f"(default: {','.join(f'{value:g}' for value in astuple(default.costs))})",
+    )
     method.add_argument(
         "--landmark",
         type=_landmark,
@@ -222,6 +233,7 @@ def _build(options: argparse.Namespace) -> None:
     from mmi.building.cell_choice import RADIUS, choose_cells
     from mmi.building.dataset import build_dataset
     from mmi.dataset.folder import make_folder
+    from mmi.programs.build_told import print_cells, print_summary
     from mmi.reading.read_city import read_city
     from mmi.walks.walk import read_walk
 
@@ -242,7 +254,7 @@ def _build(options: argparse.Namespace) -> None:
     make_folder(options.output)
     with suppress(SystemExit):  # rich leaves when nobody reads its output any more (| head): the build goes on
         print_city_report(talk, report)
-        _print_cells(talk, chosen)
+        print_cells(talk, chosen)
     with ProgressBar("cells", quiet=options.quiet) as advance:
         summary = build_dataset(
             city,
@@ -253,9 +265,9 @@ def _build(options: argparse.Namespace) -> None:
             progress=advance,
         )
     with suppress(SystemExit):
-        _print_summary(talk, summary, options.output, parameters)
+        print_summary(talk, summary, options.output, parameters, source=options.city)
     if options.json:
-        print(json.dumps({"city": report.as_dict(), "build": _plain(summary)}, indent=1))
+        print(json.dumps({"city": report.as_dict(), "build": asdict(summary)}, indent=1))
 
 
 def _parameters(options: argparse.Namespace) -> BuildParameters:
@@ -282,6 +294,8 @@ def _parameters(options: argparse.Namespace) -> BuildParameters:
             pictures=options.pictures,
             cell_length=options.cell_length,
             eye=options.eye,
+            geometry=options.geometry,
+            costs=options.costs,
         )
     except ParameterError as error:
         name, colon, rest = str(error).partition(":")
@@ -298,82 +312,19 @@ def _longest(options: argparse.Namespace) -> float | None:
     return options.longest_object or None
 
 
-def _print_cells(talk: Console, chosen: CellChoice) -> None:
-    """What became of the streets, and which cells were chosen: a line each."""
-    cells: CellReport = chosen.graph.graph["report"]
-    text = f"{cells.cells} viewing cells on {cells.street_length / 1000.0:.1f} km of streets"
-    if cells.narrowed_cells:
-        text += f", {cells.narrowed_cells} narrower than their street, to keep clear of buildings"
-    if cells.cut_pieces:
-        text += f"; {cells.cut_length:.0f} m in {cells.cut_pieces} places have no room for a cell"
-    if cells.degenerate_streets:
-        text += f"; {cells.degenerate_streets} streets without length left out"
-    talk.print(text, soft_wrap=True)
-    if len(chosen.names) < cells.cells:
-        text = f"{_cells(len(chosen.names))} chosen"
-        if chosen.apart:
-            text += (
-                f"; {chosen.apart} more are as near to the place, but cannot be walked to from there through such cells"
-            )
-        talk.print(text, soft_wrap=True)
-
-
-_MOST_CELLS = 5
-"""Cells over budget that are named one by one."""
-
-
-def _print_summary(talk: Console, summary: BuildSummary, out: Path, parameters: BuildParameters) -> None:
-    if summary.parts:
-        talk.print(f"{summary.parts} parts of objects longer than {parameters.longest_object:g} m")
-    made = [f"{_cells(summary.built)} built"]
-    if summary.complete:
-        made.append(f"{summary.complete} were complete")
-    if summary.unchanged:
-        made.append(f"{summary.unchanged} see nothing that has changed")
-    talk.print(f"{', '.join(made)}, in {summary.seconds:.1f} s with {summary.workers} worker(s)", end="")
-    if summary.built:
-        pace = summary.built / summary.seconds
-        talk.print(f" ({pace:.1f} cells/s)" if pace >= 1.0 else f" ({1.0 / pace:.1f} s a cell)", end="")
-    talk.print(f"; peak memory {summary.peak_memory_bytes / 1e6:.0f} MB")
-    talk.print(f"{one_line(str(out))}: {_cells(summary.cells)}, {summary.bytes / 1e6:.1f} MB", soft_wrap=True)
-    if summary.removed:
-        talk.print(
-            f"{_cells(summary.removed)} of an earlier build removed: built with other options, or of another city"
-        )
-    if summary.cut:
-        talk.print(f"{_cells(summary.cut)} cut in halves to keep the budgets")
-    for cell, costs in list(summary.over_budget.items())[:_MOST_CELLS]:
-        text = ", ".join(f"{cost} {name} of {limit}" for name, (cost, limit) in costs.items())
-        talk.print(f"cell {cell} exceeds its budget: {text}", soft_wrap=True)
-    if summary.over_budget:
-        talk.print(
-            f"{_cells(len(summary.over_budget))} too short to be cut further: raise --max-error or the budget, or lower "
-            "--display; --objects, --near-distance and --texture-quality decide what a cell costs, too",
-            soft_wrap=True,
-        )
-    if summary.withheld:
-        talk.print(
-            f"no bound of the error is promised for {len(summary.withheld)} of {_cells(summary.cells)}:", soft_wrap=True
-        )
-        for why, number in Counter(summary.withheld.values()).most_common(_MOST_CELLS):
-            name = next(cell for cell, reason in summary.withheld.items() if reason == why)
-            where = f"cell {name}" if number == 1 else f"{_cells(number)}, such as {name}"
-            talk.print(f"  {where}: {why}", soft_wrap=True)
-
-
-def _cells(count: int) -> str:
-    return f"{count} cell" if count == 1 else f"{count} cells"
-
-
-def _plain(summary: BuildSummary) -> dict[str, Any]:
-    return {name: getattr(summary, name) for name in summary.__slots__}
-
-
 # ------------------------------------------------------------------------------------------------- option values
 
 
 def _band(text: str) -> tuple[float, ...]:
     return tuple(numbers_option(text, 2, "lowest,highest eye height in metres"))
+
+
+def _costs(text: str) -> FrameCosts:
+    numbers = numbers_option(text, 3, "triangles for a draw, a thousand texels, a thousand bytes")
+    try:
+        return FrameCosts(*numbers)
+    except ParameterError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _place(text: str) -> tuple[float, float] | str:

@@ -21,6 +21,7 @@ from selection import with_slow
 from shapely.geometry import LineString, box
 
 from mmi.dataset.reading import open_dataset
+from mmi.planning.frame_costs import FrameCosts
 from mmi.programs import build_impostors as builder
 from mmi.programs import inspect_layers as inspector
 from mmi.programs.build_impostors import build_impostors
@@ -28,7 +29,7 @@ from mmi.programs.inspect_layers import inspect_layers
 from mmi.walks.walk import Keyframe, Pose, Walk, write_walk
 
 ROOT = Path(__file__).resolve().parents[3]
-SMALL = ["--display", "128x128", "--workers", "1", "--near-distance", "20"]
+SMALL = ["--display", "128x128", "--workers", "1", "--near-distance", "20", "--geometry", "near"]
 BUILD = [
     sys.executable,
     "-W",
@@ -405,6 +406,34 @@ def test_the_report_says_what_was_read_and_made(capsys, city, dataset):
     assert re.search(r"read +buildings +6", out)
     assert "0 cells built, 6 were complete" in out
     assert f"{dataset}: 6 cells" in out
+
+
+def test_what_the_city_costs_stands_in_a_table(capsys, city, tmp_path):
+    out = tmp_path / "out"
+    status, text, _ = run(capsys, build_impostors, city, "-o", out, *SMALL, "--max-cells", "1", "--geometry", "cheaper")
+    assert status == 0
+    manifest = open_dataset(out).manifest
+    (cell,) = manifest.cells
+    told = {line.split("  ")[0]: line.split() for line in text.splitlines() if line}
+    assert told["as read"][2] == "60", "six houses of four walls and a roof"
+    assert told["stored: 1 cell"][3] == f"{cell.triangles:,}"
+    assert told["a frame, as stored"][4] == f"{cell.near_triangles + cell.triangles:,}"
+    assert told["a frame, as geometry"][4] == f"{cell.frame.geometry.triangles:,}"
+    assert told["all cells, estimated"][-2:] == ["0.2", "km"]
+    assert cell.near_triangles + cell.triangles <= cell.frame.geometry.triangles
+    assert ("1 cell of 1 (100%) stay geometry" in text) == (not cell.pictures)
+    assert "px of 10 px" in text
+
+
+def test_costs_are_told_as_triangles(capsys, city, tmp_path):
+    words = refusal(capsys, city, "-o", tmp_path / "out", "--costs", "1,2")
+    assert words.startswith("argument --costs: triangles for a draw, a thousand texels, a thousand bytes")
+    assert "for a draw expected, found -1" in refusal(capsys, city, "-o", tmp_path / "out", "--costs=-1,2,3")
+    status, _, _ = run(
+        capsys, build_impostors, city, "-o", tmp_path / "out", *SMALL, "--max-cells", "1", "--costs", "0,0,5"
+    )
+    assert status == 0
+    assert open_dataset(tmp_path / "out").manifest.parameters.costs == FrameCosts(0.0, 0.0, 5.0)
 
 
 @pytest.mark.parametrize(

@@ -139,6 +139,7 @@ def _reason(reason: NearReason, camera: Camera) -> dict[str, Any]:
         f"more than {limit:.1f} px",
         "layers": "all layers together would miss a region thicker than "
         f"{limit:g} px, and it has the largest part of that",
+        "cost": "the layer that it would be in costs more to draw than all that is in it",
         "own": "a function from outside the package decides so",
     }[reason.rule]
     numbers = {
