@@ -27,6 +27,7 @@ from mmi.programs.command_line import (
     run_program,
     size_option,
 )
+from mmi.programs.presets import PRESETS, resolve
 
 if TYPE_CHECKING:
     pass
@@ -69,12 +70,15 @@ def _build_parser() -> Parser:
 
     quality = parser.add_argument_group("the error, and the display that it refers to")
     quality.add_argument(
-        "--max-error", type=float, default=default.max_error_px, metavar="PX", help="pixels (default: %(default)g)"
+        "--for",
+        dest="preset",
+        choices=[one.name for one in PRESETS],
+        help="display, error and budgets in one word; other options say otherwise. "
+        + "; ".join(f"{one.name}: {one.words()}" for one in PRESETS),
     )
-    quality.add_argument(
-        "--display", type=size_option, default=(512, 512), metavar="WxH", help="pixels (default: 512x512)"
-    )
-    quality.add_argument("--fov", type=float, default=60.0, metavar="DEG", help="across the display (default: 60)")
+    quality.add_argument("--max-error", type=float, metavar="PX", help=f"pixels (default: {default.max_error_px:g})")
+    quality.add_argument("--display", type=size_option, metavar="WxH", help="pixels (default: 512x512)")
+    quality.add_argument("--fov", type=float, metavar="DEG", help="across the display (default: 60)")
 
     budget = parser.add_argument_group(
         "budgets of a cell",
@@ -254,7 +258,7 @@ def _build(options: argparse.Namespace) -> None:
     make_folder(options.output)
     with suppress(SystemExit):  # rich leaves when nobody reads its output any more (| head): the build goes on
         print_city_report(talk, report)
-        print_cells(talk, chosen)
+        print_cells(talk, chosen, parameters)
     with ProgressBar("cells", quiet=options.quiet) as advance:
         summary = build_dataset(
             city,
@@ -272,6 +276,7 @@ def _build(options: argparse.Namespace) -> None:
 
 def _parameters(options: argparse.Namespace) -> BuildParameters:
     """The options as parameters; what is wrong with one is said by its option's name."""
+    resolve(options)
     width, height = options.display
     try:
         return BuildParameters(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mmi.foundation.errors import one_line
+from mmi.programs.presets import too_coarse
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,8 +24,8 @@ _ALL = 0.999
 """Of all cells, by length: where so much is built, nothing is estimated."""
 
 
-def print_cells(talk: Console, chosen: CellChoice) -> None:
-    """What became of the streets, and which cells were chosen: a line each."""
+def print_cells(talk: Console, chosen: CellChoice, parameters: BuildParameters) -> None:
+    """What became of the streets, which cells were chosen, and whether the threshold will be seen: a line each."""
     cells: CellReport = chosen.graph.graph["report"]
     text = f"{cells.cells} viewing cells on {cells.street_length / 1000.0:.1f} km of streets"
     if cells.narrowed_cells:
@@ -41,6 +42,9 @@ def print_cells(talk: Console, chosen: CellChoice) -> None:
                 f"; {chosen.apart} more are as near to the place, but cannot be walked to from there through such cells"
             )
         talk.print(text, soft_wrap=True)
+    note = too_coarse(parameters)
+    if note is not None:
+        talk.print(note, soft_wrap=True)
 
 
 _MOST_CELLS = 5

@@ -425,6 +425,15 @@ def test_what_the_city_costs_stands_in_a_table(capsys, city, tmp_path):
     assert "px of 10 px" in text
 
 
+def test_a_threshold_that_would_be_seen_is_pointed_out(capsys, city, tmp_path):
+    large = ("--max-cells", "1", "--display", "512x512")
+    _, text, _ = run(capsys, build_impostors, city, "-o", tmp_path / "out", *SMALL, *large)
+    words = "10 px of 512x512 are as wide as 37.5 px of 1920x1080, where they would be seen; --for laptop is 5 px there"
+    assert f"note: {words}\n" in text
+    _, text, _ = run(capsys, build_impostors, city, "-o", tmp_path / "fine", *SMALL, *large, "--max-error", "2.5")
+    assert "note:" not in text
+
+
 def test_costs_are_told_as_triangles(capsys, city, tmp_path):
     words = refusal(capsys, city, "-o", tmp_path / "out", "--costs", "1,2")
     assert words.startswith("argument --costs: triangles for a draw, a thousand texels, a thousand bytes")
