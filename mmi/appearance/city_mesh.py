@@ -22,6 +22,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from mmi.appearance import facades
+from mmi.appearance.coarser_pictures import with_coarser_pictures
 from mmi.appearance.model_surfaces import Surfaces, repeats_of, strip_uv, surfaces_of_models
 from mmi.appearance.shading import Looks, contact, light, looks_of
 from mmi.appearance.texture_atlas import pack_atlas
@@ -98,7 +99,8 @@ def build_city_mesh(city: City) -> CityMesh:
     painted = bool(len(prisms.owners)) or any(
         (one.mesh.textures == PAINTED).any() for one in meshed if one.mesh is not None
     )
-    atlas = pack_atlas(city.textures, repeats_of(meshed, city.textures), painted=painted)
+    meshed, pictures = with_coarser_pictures(meshed, city.textures)
+    atlas = pack_atlas(pictures, repeats_of(meshed, pictures), painted=painted)
     own = surfaces_of_models(meshed, np.array(modelled, dtype=np.int64), looks, atlas)
     for one in (walls, roofs):
         one.uv[:] *= atlas.facade_scale

@@ -23,11 +23,12 @@ from mmi.appearance.cut_outs import CLEAR_BELOW, dilated, with_solid_share
 from mmi.city.model import Texture
 from mmi.foundation.shelves import on_shelves
 
-__all__ = ["Atlas", "cut_at_repeats", "pack_atlas"]
+__all__ = ["COPIES", "Atlas", "cut_at_repeats", "pack_atlas", "reduced_picture"]
 
 _PAD = 8
 _WHITE = 16
-_COPIES = 1024  # texels a side that copies of a repeated picture may fill
+COPIES = 1024
+"""Texels a side that copies of a repeated picture may fill."""
 _MOST_REPEATS = 64.0
 _LARGEST = 8192  # texels a side: OpenGL 4 promises 16384, but with mipmaps this takes a third of a gigabyte already
 
@@ -63,10 +64,8 @@ def pack_atlas(textures: Sequence[Texture], repeats: NDArray[np.float64], *, pai
     sizes = np.array([one.image.shape[1::-1] for one in textures], dtype=np.float64).reshape(-1, 2)
     scale = 1.0
     while True:
-        reduced = np.maximum(np.rint(sizes * np.minimum(scale, _COPIES * 4 / np.maximum(sizes, 1.0))), 1.0)
-        copies = np.clip(np.minimum(np.ceil(repeats), _COPIES // np.minimum(reduced, _COPIES)), 1, None).astype(
-            np.int64
-        )
+        reduced = np.maximum(np.rint(sizes * np.minimum(scale, COPIES * 4 / np.maximum(sizes, 1.0))), 1.0)
+        copies = np.clip(np.minimum(np.ceil(repeats), COPIES // np.minimum(reduced, COPIES)), 1, None).astype(np.int64)
         taken = (reduced * copies).astype(np.int64)
         widest = int(taken[:, 0].max(initial=0)) + 2 * _PAD
         area = float(np.prod(taken + 2 * _PAD, axis=1).sum())
@@ -86,9 +85,7 @@ def pack_atlas(textures: Sequence[Texture], repeats: NDArray[np.float64], *, pai
     for one, (x, y), size, count in zip(
         textures, corners.tolist(), reduced.astype(int).tolist(), copies.tolist(), strict=True
     ):
-        image = dilated(one.image) if one.is_cut_out else one.image
-        if image.shape[1::-1] != tuple(size):
-            image = _reduced(image, tuple(size))
+        image = reduced_picture(one, tuple(size))
         image = np.tile(image, (count[1], count[0], 1))
         padded = texture[y - _PAD : y + len(image) + _PAD, x - _PAD : x + image.shape[1] + _PAD]
         padded[..., : image.shape[2]] = np.pad(image, ((_PAD, _PAD), (_PAD, _PAD), (0, 0)), mode="edge")
@@ -100,6 +97,12 @@ def pack_atlas(textures: Sequence[Texture], repeats: NDArray[np.float64], *, pai
         white=(0.5 * _WHITE / width, (facade.shape[0] + 0.5 * _WHITE) / height),
         facade_scale=(facade.shape[1] / width, facade.shape[0] / height),
     )
+
+
+def reduced_picture(texture: Texture, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """The picture (h, w, 3 or 4) of a texture at ``size`` (width, height); clear texels of cut-outs look as those around."""
+    image = dilated(texture.image) if texture.is_cut_out else texture.image
+    return image if image.shape[1::-1] == size else _reduced(image, size)
 
 
 def _reduced(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:

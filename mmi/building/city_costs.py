@@ -86,6 +86,10 @@ def city_costs(manifest: Manifest, *, objects_read: int, triangles_read: int, al
 
 def triangles_as_read(read: City, stored: int, cut: City) -> int:
     """Triangles of the city as it was ``read``, where with its long objects ``cut`` it has ``stored`` ones."""
+    if any(one.mesh is not None for one in read.objects):  # which may have been cut where its pictures repeat, too
+        own = sum(len(one.mesh.triangles) for one in read.objects if one.mesh is not None)
+        prisms = tuple(one for one in read.objects if one.mesh is None)
+        return own + (len(build_city_mesh(replace(read, objects=prisms)).triangles) if prisms else 0)
     parts = {one.part_of for one in cut.objects if one.part_of is not None} - {one.part_of for one in read.objects}
     if not parts:
         return stored
