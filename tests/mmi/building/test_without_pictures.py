@@ -49,7 +49,10 @@ def test_the_parameter_is_written_only_where_it_is_not_the_usual():
 def test_meshes_and_all_else_that_the_manifest_says_are_the_same(whole, bare):
     assert [one.id for one in bare.manifest.cells] == [one.id for one in whole.manifest.cells]
     for entry, other in zip(bare.manifest.cells, whole.manifest.cells, strict=True):
-        assert replace(entry, bytes=0, files=other.files) == replace(other, bytes=0)
+        assert replace(entry, bytes=0, files=other.files, frame=None) == replace(other, bytes=0, frame=None)
+        assert entry.frame.geometry == other.frame.geometry
+        layers = entry.frame.layers  # and fewer bytes, which cost less
+        assert replace(layers, bytes=0, cost=0.0) == replace(other.frame.layers, bytes=0, cost=0.0)
         meshes = read_meshes(bare, entry.id)
         assert meshes
         for one, two in zip(meshes, read_meshes(whole, entry.id), strict=True):
