@@ -8,6 +8,7 @@ models (``cityjson``, ``citygml``, ``mesh_files``) have meshes instead of outlin
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -51,6 +52,8 @@ from mmi.reading.steps import Progress, step
 __all__ = ["CityReport", "Tally", "read_city"]
 
 _GROUND = 0.0
+_TOLD, _LOOKED_INTO = 6, 1000
+"""Folders that a message names, and that are looked into for it."""
 
 
 def read_city(
@@ -275,7 +278,31 @@ def _the_file(path: Path) -> Path:
     if alone:
         return extracts[0]
     models = [one for one in inside if is_model(one)]
+    if not models and not any(_has_map(one) for one in inside):
+        below = _folders_below(path)
+        if below:
+            raise CityError(
+                f"{path}: a folder; expected one file of a city, or a folder that holds its files; these folders in it do: "
+                f"{', '.join(map(_printable, below))}"
+            )
     return models[0] if len(models) == 1 else path
+
+
+def _has_map(file: Path) -> bool:
+    """Whether a file is called as maps are."""
+    return file.name.lower().endswith((".osm", ".pbf", *GDAL_SUFFIXES))
+
+
+def _folders_below(folder: Path) -> list[str]:
+    """Up to ``_TOLD`` folders at any depth, links aside, in which there are maps or models, in the order of their names."""
+    found = []
+    for number, (place, folders, files) in enumerate(os.walk(folder)):
+        folders.sort()
+        if any(_has_map(Path(place, one)) or is_model(Path(place, one)) for one in sorted(files)):
+            found.append(str(Path(place).relative_to(folder)))
+        if len(found) == _TOLD or number == _LOOKED_INTO:
+            break
+    return found
 
 
 def _read_buildings(file: Path, ledger: Ledger, options: ReadOptions) -> BuildingLayer:

@@ -264,6 +264,14 @@ def _folder(folder):
     return [folder / "photos"], "photos: a folder; expected one file of a city"
 
 
+def _folders_of_folders(folder):
+    model = '<CityModel xmlns="http://www.opengis.net/citygml/2.0"/>'
+    for name, file, text in (("bldg", "one.gml", model), ("tran", "two.gml", model), ("photos", "one.jpg", "")):
+        (folder / "tokyo" / "udx" / name).mkdir(parents=True)
+        (folder / "tokyo" / "udx" / name / file).write_text(text)
+    return [folder / "tokyo"], "that holds its files; these folders in it do: udx/bldg, udx/tran"
+
+
 def _no_buildings(folder):
     return [geojson(folder / "streets.geojson", [_STREET])], "streets.geojson: expected a layer of building polygons"
 
@@ -313,6 +321,7 @@ def _no_room(folder):
         _empty_osm,
         _truncated_pbf,
         _folder,
+        _folders_of_folders,
         _no_buildings,
         _no_streets,
         _no_heights,
