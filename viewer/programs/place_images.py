@@ -74,7 +74,7 @@ def place_images(arguments: Sequence[str] | None = None) -> NoReturn:
     budget.add_argument(
         "--costs",
         type=_costs,
-        metavar="FRAME,MILLION,IMAGE",
+        metavar="FIXED,MILLION,IMAGE",
         help="what a frame takes as such, for a million triangles and for an image, milliseconds, where it is walked; the "
         "manifest has them",
     )
