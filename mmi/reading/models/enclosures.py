@@ -91,7 +91,10 @@ def enclosing(
             if place[owner] < 0:
                 continue  # has a core of its own
             hidden = result[owner]
-            result[owner] = replace(hidden, core=(*(hidden.core or ()), Prism(shape, hidden.base, top)))
+            # From the ground up, whatever the owner is: a roof that is an object of its own hangs in the air.
+            foot = ground.under(found.shapes[b : b + 1])[0][0] if isinstance(ground, Terrain) else ground
+            prism = Prism(shape, min(float(foot), top - _LOW), top)
+            result[owner] = replace(hidden, core=(*(hidden.core or ()), prism))
             here = around[touched[inside]]
             enclosed[here[2.0 * shared[inside] >= shapely.area(footprints[here])]] = True
     for i in open_[enclosed[open_]].tolist():

@@ -181,6 +181,17 @@ def test_on_a_slope_walls_reach_the_ground_or_hide_nothing():
     assert one.core == ()
 
 
+@pytest.mark.parametrize("eaves", [6.0, 5.5])
+def test_a_roof_that_is_an_object_of_its_own_hides_what_the_walls_below_it_enclose(eaves):
+    mesh, above = extruded(HOUSE, 0.0, 6.0), extruded(box(-1, -1, 11, 9), eaves, 8.0)
+    walls, roof = kept(mesh, abs(normals(mesh)[:, 2]) < 0.5), without(above, side=(0, 0, -1))
+    for meshes in ((roof, walls), (walls, roof)):
+        objects, _ = hidden_by(*meshes)
+        (prism,) = [prism for one in objects for prism in one.core]
+        assert prism.footprint.area == pytest.approx(80.0)
+        assert (prism.bottom, prism.top) == (0.0, pytest.approx(6.0))
+
+
 def test_railings_hide_nothing():
     mesh = without(extruded(HOUSE, 0.0, 6.0), side=(0, 0, -1))
     leaves, brick = Texture("leaves", np.zeros((2, 2, 4), np.uint8)), Texture("brick", np.zeros((2, 2, 3), np.uint8))
