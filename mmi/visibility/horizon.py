@@ -49,6 +49,9 @@ _SLOPING_GAP = 0.5
 """Metres that a prism's base on a slope may be above the ground and still stand on it: models and their ground seldom agree to
 the centimetre."""
 
+_BESIDE = 0.05
+"""Metres: prisms this close to a solid may have edges that it covers."""
+
 _WIDER = 0.01
 """Metres that boxes are larger than they are: they may have no width, and corners of triangles are rounded."""
 
@@ -279,8 +282,10 @@ def horizon_visible(scene: PreparedHorizon, cell: ViewingCell) -> tuple[NDArray[
     seen = np.zeros(scene.sought, dtype=bool)
     seen[scene.prism_objects[footprints_met(scene.prisms, region)]] = True
     cutting = scene.solids.query(region.buffer(-TOUCH, join_style="mitre"), predicate="intersects")
+    covered = scene.covered
     if len(cutting):
         cutting = np.flatnonzero(np.isin(scene.meshes, scene.meshes[cutting]))
+        covered = _uncovered(scene, cutting)
     occluders = _occluders_without(scene, cutting)
     nearest_first = np.lexsort([-occluders.heights, _gap(occluders.boxes, region.bounds)])
     viewpoints = sample_viewpoints(cell, reach=scene.shrink)
@@ -294,7 +299,14 @@ def horizon_visible(scene: PreparedHorizon, cell: ViewingCell) -> tuple[NDArray[
         columns=scene.columns,
         reach=scene.shrink,
     )
-    return np.flatnonzero(seen), WallVisibility(np.maximum(lowest, scene.covered), bits, min(len(viewpoints), BINS))
+    return np.flatnonzero(seen), WallVisibility(np.maximum(lowest, covered), bits, min(len(viewpoints), BINS))
+
+
+def _uncovered(scene: PreparedHorizon, cutting: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(e,) ``covered`` for a viewer inside of the solids ``cutting`` (k,), who sees the walls that they touch."""
+    solids = scene.solids.geometries[cutting]
+    beside = np.isin(scene.occludees.owners, scene.prisms.query(solids, predicate="dwithin", distance=_BESIDE)[1])
+    return np.where(np.repeat(beside, np.diff(scene.occludees.starts)), -np.inf, scene.covered)
 
 
 def _gap(boxes: NDArray[np.float64], box: tuple[float, float, float, float]) -> NDArray[np.float64]:

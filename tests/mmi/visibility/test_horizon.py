@@ -105,6 +105,22 @@ class TestByHand:
     def test_a_bridge_over_the_cell_is_seen(self):
         assert visible(city_of((box(4, -20, 6, 20), 5, 6))) == [0]
 
+    def test_from_inside_of_what_walls_enclose_one_sees_the_walls_that_it_covers(self):
+        """As an open mesh without a party wall and without walls around its courtyard: the neighbour's wall shows."""
+        hall, neighbour = box(-15, -20, 25, 20), box(25, -20, 45, 20)
+        sides = tuple(Prism(box(-15, y, 25, y + 12), 0.0, 9.0) for y in (-20, 8))
+        objects = (CityObject("open", sides, None, (Prism(hall, 0.0, 9.0),)), *city_of((neighbour, 9)).objects)
+        scene = prepare_horizon(dataclasses.replace(city_of(), objects=objects))
+        rings = scene.occludees
+        (ring,) = np.flatnonzero(scene.owners == 1).tolist()
+        edges = np.arange(rings.starts[ring], rings.starts[ring + 1])
+        towards = edges[(rings.xy[edges, 0] == 25.0) & (np.roll(rings.xy[edges, 0], -1) == 25.0)]
+        for cell, lowest in (
+            (cell_along_x(), -np.inf),
+            (ViewingCell("c", (-40.0, 30.0), (60.0, 30.0), 3.0, (1.5, 1.9)), 9.0),
+        ):
+            assert horizon_visible(scene, cell)[1].lowest[towards] == pytest.approx(lowest)
+
     def test_from_a_courtyard_only_its_walls_and_towers_beyond(self):
         block = Polygon(box(-40, -40, 50, 40).exterior.coords, [box(-10, -10, 20, 10).exterior.coords])
         city = city_of((block, 15), (box(60, 0, 70, 10), 12), (box(0, 60, 10, 70), 120))
