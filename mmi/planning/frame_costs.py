@@ -11,12 +11,14 @@ A cost is a number of triangles. How many of them a draw, texels and bytes are w
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
 
 from mmi.foundation.errors import ParameterError
 
-__all__ = ["FrameCosts", "FrameLoad"]
+__all__ = ["MOST", "FrameCosts", "FrameLoad"]
+
+MOST = 1e12
+"""Triangles that one draw, a thousand texels or a thousand bytes are worth, at most: costs of frames stay finite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +26,7 @@ class FrameCosts:
     """How many triangles can be drawn in the time that goes for a draw, for a thousand texels, and for a thousand bytes.
 
     The defaults let triangles decide, and the rest only where they hardly differ. Raises ParameterError for numbers that are
-    negative or not finite.
+    negative or larger than ``MOST``.
     """
 
     draw: float = 100.0
@@ -34,9 +36,9 @@ class FrameCosts:
     def __post_init__(self) -> None:
         for one in fields(self):
             value = getattr(self, one.name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < math.inf:
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= MOST:
                 raise ParameterError(
-                    f"costs: a number of triangles of 0 or more for a {one.name} expected, found {value!r}"
+                    f"costs: a number of triangles from 0 to {MOST:g} for a {one.name} expected, found {value!r}"
                 )
             object.__setattr__(self, one.name, float(value))
 

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from mmi.foundation.errors import ParameterError
-from mmi.planning.frame_costs import FrameCosts, FrameLoad
+from mmi.planning.frame_costs import MOST, FrameCosts, FrameLoad
 from mmi.planning.parameters import BuildParameters
 
 
@@ -14,9 +14,10 @@ def test_a_frame_costs_its_triangles_and_what_the_rest_is_worth():
     assert load.cost(FrameCosts(draw=50.0, kilotexel=0.2, kilobyte=3.0)) == 1000 + 2 * 50 + 500 * 0.2 + 150 * 3
     assert load.cost(FrameCosts(0.0, 0.0, 0.0)) == 1000
     assert FrameLoad(10, 1).cost(FrameCosts(draw=7.0)) == 17.0
+    assert math.isfinite(FrameLoad(2**53, 2, 2**53, 2**53).cost(FrameCosts(MOST, MOST, MOST)))
 
 
-@pytest.mark.parametrize("wrong", [-1.0, math.nan, math.inf, "1", True, None])
+@pytest.mark.parametrize("wrong", [-1.0, math.nan, math.inf, 2e12, 10**400, "1", True, None])
 @pytest.mark.parametrize("name", ["draw", "kilotexel", "kilobyte"])
 def test_costs_are_numbers_of_triangles(name, wrong):
     with pytest.raises(ParameterError, match=f"for a {name} expected, found"):
