@@ -58,6 +58,7 @@ def test_the_buildings_of_a_model_are_counted(tmp_path):
         "mending the buildings",
         "looking for paths through the open space",
         "setting the buildings on the ground",
+        "looking for what open buildings hide",
         "joining the streets",
     ]
 
