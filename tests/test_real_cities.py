@@ -151,7 +151,7 @@ REFUSED = {
         "data:dirty_zug_cea/building-geometry --streets data:dirty_zug_cea/networks/streets.shp",
         "several layers could be building polygons (surroundings, zone): choose with --buildings-layer",
     ),
-    "zug, the folder above": ("data:dirty_zug_cea", "found in it: building-geometry, networks, topography"),
+    "zug, the folder above": ("data:dirty_zug_cea", "these folders in it do: building-geometry, networks"),
     "prague": (
         "data:dirty_prague_bubenec/bubenec.gpkg",
         "none of 144 buildings has a height: expected metres or levels",
