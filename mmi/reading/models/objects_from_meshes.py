@@ -246,22 +246,40 @@ def _projected(corners: NDArray[np.float64]) -> NDArray[np.object_]:
 def _outline(flat: NDArray[np.object_], corners: NDArray[np.float64]) -> list[Polygon]:
     """Polygons that cover the projected triangles."""
     sides = corners[:, [1, 2, 0], :2] - corners[:, :, :2]
-    doubled = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+    doubled = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
     # Triangles no wider than this would vanish in the grid of a union: they are lines, like walls.
-    filled = doubled > 5.0 * _GRID * np.sqrt((sides**2).sum(axis=2).max(axis=1))
-    shape: BaseGeometry = shapely.union_all(flat[filled], grid_size=_GRID)
+    filled = np.abs(doubled) > 5.0 * _GRID * np.sqrt((sides**2).sum(axis=2).max(axis=1))
+    up = filled & (doubled > 0.0)
+    shape = _united(flat[up])
+    below = flat[filled & ~up]  # of a closed mesh, under what looks up
+    below = below[~_covered(shape, below)]
+    if len(below):
+        shape = _united(np.append(below, shape))
     flat = np.where(filled, flat, shapely.linestrings(corners[:, [0, 1, 2], :2]))
-    near = shape.buffer(1.5 * _GRID)
-    shapely.prepare(near)
-    rest = flat[~shapely.covers(near, flat)]  # walls that bound nothing, and needles, whose tips were lost
+    rest = flat[~_covered(shape, flat)]  # walls that bound nothing, and needles, whose tips were lost
     if len(rest):
-        shape = shapely.union_all(
-            [shape, *shapely.buffer(rest, _THIN, cap_style="square", quad_segs=1)], grid_size=_GRID
-        )
+        shape = _united(np.append(shapely.buffer(rest, _THIN, cap_style="square", quad_segs=1), shape))
     if shapely.get_num_coordinates(shape) > _ROUGH:
         shape = shapely.set_precision(shape.buffer(0.1 + 2 * _GRID, join_style="mitre").simplify(0.1), _GRID)
     parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and not part.is_empty]
     return [part if part.area > 1e-4 else part.buffer(_THIN, join_style="mitre") for part in parts]
+
+
+def _united(shapes: NDArray[np.object_]) -> BaseGeometry:
+    """The union on the grid. Laid on it afterwards: a union that looks at the grid throughout takes three times as long.
+
+    What is made of it later is not bound to the grid, as buffers would be that are hardly wider.
+    """
+    united: BaseGeometry = shapely.set_precision(shapely.set_precision(shapely.union_all(shapes), _GRID), 0.0)
+    return united
+
+
+def _covered(shape: BaseGeometry, flat: NDArray[np.object_]) -> NDArray[np.bool_]:
+    """Which of ``flat`` (m,) the shape covers, by as much as the grid takes."""
+    near = shape.buffer(1.5 * _GRID)
+    shapely.prepare(near)
+    covered: NDArray[np.bool_] = shapely.covers(near, flat)
+    return covered
 
 
 def _core(mesh: TriangleMesh, foot: float) -> tuple[Prism, ...]:
@@ -277,18 +295,18 @@ def _core(mesh: TriangleMesh, foot: float) -> tuple[Prism, ...]:
     down &= highest > base + _FOOT
     foot = max(foot, float(highest[(vertical < -_LEVEL) & ~down].max(initial=foot)))
     flat = _projected(corners)
-    whole = _areas(shapely.union_all(flat[up], grid_size=_GRID))
+    whole = _areas(_united(flat[up]))
     order = np.argsort(lowest[up])
     share = np.cumsum(0.5 * normals[up, 2][order])
     if not len(share) or share[-1] <= 0.0:
         return ()
     heights = lowest[up][order][np.searchsorted(share, np.array([0.02, 0.3, 0.7]) * share[-1])]
-    overhang = _areas(shapely.union_all(flat[down], grid_size=_GRID))
+    overhang = _areas(_united(flat[down]))
     prisms: list[Prism] = []
     for height in np.unique(np.round(heights, 3)).tolist():
         if height < foot + _LOW_CORE:
             continue
-        below = _areas(shapely.union_all(flat[up & (lowest < height)], grid_size=_GRID))
+        below = _areas(_united(flat[up & (lowest < height)]))
         solid = _areas(
             shapely.difference(_areas(shapely.difference(whole, below, grid_size=_GRID)), overhang, grid_size=_GRID)
         )
