@@ -30,7 +30,14 @@ from mmi.dataset.manifest import FORMAT_VERSION, CellEntry, CellRecord
 from mmi.foundation.errors import DatasetError, FaultError, MmiError
 from mmi.foundation.json_forms import fingerprint
 from mmi.foundation.plug_ins import said
-from mmi.foundation.processes import how_it_ended, package_version, peak_memory, quiet_libraries, without_interrupts
+from mmi.foundation.processes import (
+    give_memory_back,
+    how_it_ended,
+    package_version,
+    peak_memory,
+    quiet_libraries,
+    without_interrupts,
+)
 from mmi.foundation.progress import Stopwatch
 from mmi.planning.parameters import BuildParameters
 from mmi.planning.plan import CellPlan, plan_cell, prepare_city, without_layers
@@ -191,6 +198,7 @@ def run_jobs(
                 yield done
         return
     context = get_context("spawn")
+    give_memory_back()  # reading took more than is left
     crew: dict[Connection, BaseProcess] = {}
     try:
         for _ in range(workers):

@@ -4,6 +4,7 @@ how libraries in it are kept quiet.
 
 from __future__ import annotations
 
+import ctypes
 import logging
 import os
 import resource
@@ -12,13 +13,21 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-__all__ = ["how_it_ended", "package_version", "peak_memory", "quiet_libraries", "usable_cores", "without_interrupts"]
+__all__ = [
+    "give_memory_back",
+    "how_it_ended",
+    "package_version",
+    "peak_memory",
+    "quiet_libraries",
+    "usable_cores",
+    "without_interrupts",
+]
 
 
 def package_version() -> str:
@@ -44,6 +53,12 @@ def how_it_ended(process: BaseProcess) -> str:
     if code is None or code >= 0:
         return f"with status {code}"
     return f"by signal {-code}" + (", which the system sends when memory runs out" if -code == signal.SIGKILL else "")
+
+
+def give_memory_back() -> None:
+    """Give the system back what was freed: after reading a large city glibc keeps several times of what the city takes."""
+    with suppress(OSError, AttributeError):  # other systems' allocators have no such call
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def peak_memory(*, shared: bool = True) -> int:

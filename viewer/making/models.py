@@ -21,6 +21,7 @@ from mmi.dataset.city_files import city_meshes, read_city_mesh
 from mmi.dataset.reading import open_dataset
 from mmi.foundation.camera import Camera
 from mmi.foundation.errors import ParameterError
+from mmi.foundation.processes import give_memory_back
 from mmi.foundation.progress import Progress, silent
 from mmi.reading.read_city import CityReport, read_city
 from mmi.reading.read_options import ReadOptions
@@ -77,6 +78,7 @@ def read_model(
         made = Model(city, *city_meshes(city), report)
     if not len(made.mesh.triangles):
         raise ParameterError(f"{path}: a model with triangles expected, found none")
+    give_memory_back()  # workers follow that need some
     return made
 
 
