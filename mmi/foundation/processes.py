@@ -56,7 +56,10 @@ def how_it_ended(process: BaseProcess) -> str:
 
 
 def give_memory_back() -> None:
-    """Give the system back what was freed: after reading a large city glibc keeps several times of what the city takes."""
+    """Give the system back what was freed: after reading a city glibc keeps what lies before anything that is still there.
+
+    Small things of Python's own are not given back by this.
+    """
     with suppress(OSError, AttributeError):  # other systems' allocators have no such call
         ctypes.CDLL(None).malloc_trim(0)
 
