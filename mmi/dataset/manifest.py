@@ -289,6 +289,7 @@ def manifest_from_json(data: bytes, *, name: str) -> Manifest:
         for cell in cells:
             if cell.promised_error_px not in (None, parameters.max_error_px):
                 raise ValueError(f"cell {cell.id}: a promise of {parameters.max_error_px:g} px or none expected")
+            _within_the_display(cell, parameters)
             drawn = cell.near_triangles + cell.triangles
             if cell.pictures and cell.frame.layers.triangles != drawn:
                 raise ValueError(
@@ -311,6 +312,29 @@ def manifest_from_json(data: bytes, *, name: str) -> Manifest:
     if document["totals"] != {"cells": len(cells), "bytes": manifest.bytes}:
         raise DatasetError(f"{name}: totals of {len(cells)} cells and {manifest.bytes} bytes expected, found others")
     return manifest
+
+
+def _within_the_display(cell: CellEntry, parameters: BuildParameters) -> None:
+    """Raises ValueError where a cell has sectors or errors in pixels that these parameters cannot lead to."""
+    if len(cell.layers) != parameters.sectors:
+        raise ValueError(f"cell {cell.id}: {parameters.sectors} sectors expected, found {len(cell.layers)}")
+    camera = parameters.camera
+    right_angle = camera.pixels_from_angle(0.5 * math.pi)
+    around = 2.0 * math.pi / camera.border_pixel[0]
+    for name, value, most in (
+        *((f"{one.name}: displacement_px", one.displacement_px, cell.displacement_px) for _, one in cell.pictures),
+        ("displacement_px", cell.displacement_px, right_angle),
+        ("largest_weight_px", cell.largest_weight_px, right_angle),
+        ("missed_px", cell.missed_px or 0.0, around),
+    ):
+        if not value <= most * (1.0 + 1e-9):
+            raise ValueError(f"cell {cell.id}: {name} of at most {most:g} expected, found {value:g}")
+    wrong = max(cell.displacement_px, cell.missed_px or 0.0)
+    if cell.pictures and cell.promised_error_px is not None and wrong > cell.promised_error_px:
+        raise ValueError(
+            f"cell {cell.id}: no promise expected, where up to {cell.displacement_px:g} px are displaced and "
+            f"{cell.missed_px or 0.0:g} px missed"
+        )
 
 
 def record_from_json(data: bytes) -> CellRecord:

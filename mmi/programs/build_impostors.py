@@ -130,9 +130,8 @@ def _build_parser() -> Parser:
     method.add_argument(
         "--costs",
         type=_costs,
-        default=default.costs,
         metavar="D,T,B",
-        help="what is compared: how many triangles a draw, a thousand texels and a thousand bytes of a cell are worth "
+        help="what is compared then: how many triangles a draw, a thousand texels and a thousand bytes of a cell are worth "
         f"(default: {','.join(f'{value:g}' for value in astuple(default.costs))})",
     )
     method.add_argument(
@@ -277,6 +276,8 @@ def _build(options: argparse.Namespace) -> None:
 def _parameters(options: argparse.Namespace) -> BuildParameters:
     """The options as parameters; what is wrong with one is said by its option's name."""
     resolve(options)
+    if options.costs is not None and options.geometry == "near":
+        raise ParameterError("--costs: --geometry cheaper expected, which compares them, found near")
     width, height = options.display
     try:
         return BuildParameters(
@@ -300,7 +301,7 @@ def _parameters(options: argparse.Namespace) -> BuildParameters:
             cell_length=options.cell_length,
             eye=options.eye,
             geometry=options.geometry,
-            costs=options.costs,
+            costs=BuildParameters().costs if options.costs is None else options.costs,
         )
     except ParameterError as error:
         name, colon, rest = str(error).partition(":")
@@ -329,7 +330,7 @@ def _costs(text: str) -> FrameCosts:
     try:
         return FrameCosts(*numbers)
     except ParameterError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+        raise argparse.ArgumentTypeError(str(error).removeprefix("costs: ")) from None
 
 
 def _place(text: str) -> tuple[float, float] | str:

@@ -80,6 +80,11 @@ def at(document, way):
     return document
 
 
+def denied(**fields):
+    """A change to a cell of which nothing is promised: what is left to refuse is the value alone."""
+    return lambda cell: cell.update(promised_error_px=None, promise_withheld="a reason", **fields)
+
+
 LAYER = ("cells", 0, "layers", "first", 0)
 CHANGES = {
     "a cell without its axis": (("cells", 0), lambda cell: cell.pop("axis")),
@@ -121,6 +126,16 @@ CHANGES = {
     "depths the wrong way round": (LAYER, lambda layer: layer.update(depth=[20.0, 10.0])),
     "a layer named as another": (LAYER, lambda layer: layer.update(name=f"s35.l{layer['index']}")),
     "a piece named as another": (LAYER, lambda layer: layer.update(name=f"{layer['name'].partition('.')[0]}.l0.7")),
+    "a displacement beyond a right angle": (("cells", 0), lambda cell: cell.update(displacement_px=1e9)),
+    "a displacement beyond a right angle of this display": (("cells", 0), denied(displacement_px=1660.0)),
+    "a weight beyond a right angle of this display": (("cells", 0), lambda cell: cell.update(largest_weight_px=1660.0)),
+    "more missed than there is around": (("cells", 0), denied(missed_px=1e5)),
+    "a promise where more is displaced": (("cells", 0), lambda cell: cell.update(displacement_px=11.0)),
+    "a promise where more is missed": (("cells", 0), lambda cell: cell.update(missed_px=11.0)),
+    "a layer displaced by more than its cell": (("cells", 0), lambda cell: cell.update(displacement_px=0.0)),
+    "a sector too many": (("cells", 0, "layers"), lambda layers: layers.append([])),
+    "a display of nobody": (("parameters", "camera"), lambda camera: camera.update(width=10**9)),
+    "a threshold of no display": (("parameters",), lambda parameters: parameters.update(max_error_px=1e9)),
     "unknown weights": (("parameters",), lambda parameters: parameters.update(weights="heavy")),
 }
 

@@ -446,10 +446,12 @@ def test_a_threshold_that_would_be_seen_is_pointed_out(capsys, city, tmp_path):
 def test_costs_are_told_as_triangles(capsys, city, tmp_path):
     words = refusal(capsys, city, "-o", tmp_path / "out", "--costs", "1,2")
     assert words.startswith("argument --costs: triangles for a draw, a thousand texels, a thousand bytes")
-    assert "for a draw expected, found -1" in refusal(capsys, city, "-o", tmp_path / "out", "--costs=-1,2,3")
-    status, _, _ = run(
-        capsys, build_impostors, city, "-o", tmp_path / "out", *SMALL, "--max-cells", "1", "--costs", "0,0,5"
-    )
+    words = refusal(capsys, city, "-o", tmp_path / "out", "--costs=-1,2,3")
+    assert words.startswith("argument --costs: a number of triangles from 0 to 1e+12 for a draw expected, found -1")
+    words = refusal(capsys, city, "-o", tmp_path / "out", "--geometry", "near", "--costs", "1,2,3")
+    assert words == "--costs: --geometry cheaper expected, which compares them, found near\n"
+    cheaper = (*SMALL, "--max-cells", "1", "--geometry", "cheaper", "--costs", "0,0,5")
+    status, _, _ = run(capsys, build_impostors, city, "-o", tmp_path / "out", *cheaper)
     assert status == 0
     assert open_dataset(tmp_path / "out").manifest.parameters.costs == FrameCosts(0.0, 0.0, 5.0)
 
