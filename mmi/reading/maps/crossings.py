@@ -1,11 +1,14 @@
-"""How often the edges of an outline cross, told before it is handed to geometry whose time and memory grow with that.
+"""How often edges of outlines and streets cross, told before they go to geometry whose time and memory grow with that.
 
 ``make_valid`` finds all crossings of an outline: of a scribble of 2,000 points half a million, which takes half a minute and a
 gigabyte. Whether an outline is valid takes as long where its edges lie beside one another (a comb of 10,000 slanting teeth).
-Honest outlines cross themselves a few times, where somebody slipped.
+Honest outlines cross themselves a few times, where somebody slipped. Streets that do not share nodes are joined where they
+cross, and a thousand straight lanes at random cross a hundred thousand times.
 """
 
 from __future__ import annotations
+
+from typing import Literal
 
 import numpy as np
 import shapely
@@ -14,7 +17,7 @@ from shapely.geometry.base import BaseGeometry
 
 from mmi import limits
 
-__all__ = ["why_tangled"]
+__all__ = ["streets_tangled", "why_tangled"]
 
 _AT_ONCE = 1_000_000
 """Pairs of edges that are looked at together, at most (tens of MB)."""
@@ -26,9 +29,33 @@ def why_tangled(shape: BaseGeometry) -> str | None:
     if len(corners) > limits.OUTLINE_POINTS:
         return f"an outline of more than {limits.OUTLINE_POINTS:,} points"
     most = min(limits.CROSSINGS, limits.CROSSINGS_A_POINT * len(corners))
+    edges = _edges(corners, line)
+    return {
+        None: None,
+        "crossings": "an outline that crosses itself over and over",
+        "pairs": "an outline with too many edges side by side",
+    }[_too_many(*edges, most=most, compared=limits.EDGES_COMPARED)]
+
+
+def streets_tangled(lines: NDArray[np.object_]) -> bool:
+    """Whether lines (n,) cross themselves and each other too often to be joined there (``limits.STREET_CROSSINGS``)."""
+    starts, ends = _edges(*shapely.get_coordinates(lines, return_index=True))
+    most = max(limits.STREET_CROSSINGS, len(starts))
+    compared = max(limits.STREET_EDGES_COMPARED, 100 * len(starts))
+    return _too_many(starts, ends, most=most, compared=compared) is not None
+
+
+def _edges(corners: NDArray[np.float64], line: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Starts and ends (m, 2) of the edges of lines; of the corners (n, 2) each belongs to a ``line`` (n,)."""
     first = np.flatnonzero((line[1:] == line[:-1]) & (corners[1:] != corners[:-1]).any(axis=1))
-    starts, ends = corners[first], corners[first + 1]
-    if len(first) * (len(first) - 3) // 2 <= most:  # so many there cannot be
+    return corners[first], corners[first + 1]
+
+
+def _too_many(
+    starts: NDArray[np.float64], ends: NDArray[np.float64], *, most: int, compared: int
+) -> Literal["crossings", "pairs"] | None:
+    """What there is too much of: ``most`` crossings of edges, or pairs of edges ``compared`` as their boxes overlap."""
+    if len(starts) * (len(starts) - 3) // 2 <= most:  # so many there cannot be
         return None
     edges = shapely.linestrings(np.stack([starts, ends], axis=1))
     tree = shapely.STRtree(edges)
@@ -41,9 +68,9 @@ def why_tangled(shape: BaseGeometry) -> str | None:
         looked_at += len(a)
         crossings += _crossing(starts, ends, a, b)
         if crossings > most:
-            return "an outline that crosses itself over and over"
-        if looked_at > limits.EDGES_COMPARED:
-            return "an outline with too many edges side by side"
+            return "crossings"
+        if looked_at > compared:
+            return "pairs"
     return None
 
 

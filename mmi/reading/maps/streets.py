@@ -27,6 +27,7 @@ from mmi.city.terrain import Terrain
 from mmi.foundation.errors import CityError
 from mmi.reading.along_lines import nearest_places, points_along
 from mmi.reading.coordinates import LocalFrame, to_local_frame
+from mmi.reading.maps.crossings import streets_tangled
 from mmi.reading.maps.heights import parse_metres
 from mmi.reading.raw_layers import RawStreet, StreetLayer, is_yes
 from mmi.reading.report import Ledger
@@ -175,7 +176,7 @@ def graph_from_lines(
             f"{layer.file}: no streets for --network {network}; found only {kinds or 'no lines'}; "
             "try another --network, or --streets FILE"
         )
-    pieces = _split_at_nodes(used, lines) if osm else _split_where_touching(used, lines)
+    pieces = _split_at_nodes(used, lines) if osm else _split_where_touching(used, lines, layer.file)
     survivors = {piece.street for piece in pieces}
     for i, item in enumerate(used):
         if i not in survivors:
@@ -218,14 +219,22 @@ def _line(coords: NDArray[np.float64]) -> LineString | None:
     return LineString(coords[keep]) if keep.sum() > 1 else None
 
 
-def _split_where_touching(used: Sequence[RawStreet], lines: Sequence[Sequence[LineString]]) -> list[_Piece]:
-    """Split lines where they cross or touch others of their level, on a grid of 0.1 m; repeated stretches become one."""
+def _split_where_touching(used: Sequence[RawStreet], lines: Sequence[Sequence[LineString]], file: str) -> list[_Piece]:
+    """Split lines where they cross or touch others of their level, on a grid of 0.1 m; repeated stretches become one.
+
+    Raises CityError where they cross too often for that; ``file`` is where they are from.
+    """
     flat = np.array([line for own in lines for line in own], dtype=object)
     street = np.array([i for i, own in enumerate(lines) for _ in own], dtype=np.intp)
     levels = np.array([_level(used[i].tags) for i in street])
     found: list[tuple[int, float, LineString]] = []
     for level in np.unique(levels):
         here = np.flatnonzero(levels == level)
+        if streets_tangled(flat[here]):
+            raise CityError(
+                f"{file}: streets that cross at most {limits.STREET_CROSSINGS:,} times, or once for each of their edges, "
+                f"expected, found that {len(here)} of them cross more often or lie side by side"
+            )
         noded = shapely.get_parts(shapely.union_all(flat[here], grid_size=_SNAP))
         noded = noded[shapely.get_type_id(noded) == 1]
         source, along = nearest_places(flat[here], shapely.line_interpolate_point(noded, 0.5, normalized=True))

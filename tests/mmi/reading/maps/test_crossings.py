@@ -7,13 +7,17 @@ from itertools import combinations, pairwise
 import numpy as np
 import pytest
 import shapely
+from city_files import degrees, geojson
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import GeometryCollection, LineString, MultiPolygon, Point, Polygon, box
 
 from mmi import limits
-from mmi.reading.maps.crossings import why_tangled
+from mmi.foundation.errors import CityError
+from mmi.reading.maps.crossings import streets_tangled, why_tangled
 from mmi.reading.maps.repair import clean_outlines
+from mmi.reading.read_city import read_city
+from mmi.reading.read_options import ReadOptions
 from mmi.reading.report import Ledger
 
 OVER_AND_OVER = "an outline that crosses itself over and over"
@@ -83,3 +87,50 @@ def test_outlines_of_too_many_points_are_left_out(monkeypatch):
     monkeypatch.setattr(limits, "OUTLINE_POINTS", 100)
     assert why_tangled(Point(0, 0).buffer(1.0, 25)) == "an outline of more than 100 points"
     assert why_tangled(Point(0, 0).buffer(1.0, 24)) is None
+
+
+def lanes(count):
+    """Two sets of parallel lanes at right angles, each line drawn once: ``count`` squared crossings."""
+    along = [LineString([(-1, 7 * i), (7 * count, 7 * i)]) for i in range(count)]
+    across = [LineString([(7 * i, -1), (7 * i, 7 * count)]) for i in range(count)]
+    return np.array(along + across, dtype=object)
+
+
+@pytest.mark.parametrize(("most", "tangled"), [(144, False), (143, True)])
+def test_crossings_of_streets_are_counted_across_all_of_them(monkeypatch, most, tangled):
+    monkeypatch.setattr(limits, "STREET_CROSSINGS", most)
+    assert streets_tangled(lanes(12)) == tangled
+
+
+def test_streets_cross_once_for_each_of_their_edges_whatever_their_number(monkeypatch):
+    monkeypatch.setattr(limits, "STREET_CROSSINGS", 1)
+    assert streets_tangled(lanes(12))
+    assert not streets_tangled(shapely.segmentize(lanes(12), 12.0)), "144 crossings of 24 lanes of 8 edges"
+
+
+def test_streets_that_meet_in_corners_do_not_cross(monkeypatch):
+    monkeypatch.setattr(limits, "STREET_CROSSINGS", 0)
+    grid = [LineString([(x, y), (x + dx, y + 1 - dx)]) for x in range(20) for y in range(20) for dx in (0, 1)]
+    assert not streets_tangled(np.array(grid, dtype=object))
+
+
+def test_streets_side_by_side_are_too_many_to_be_compared(monkeypatch):
+    slanting = np.array([LineString([(i, 0), (i + 1000, 1000)]) for i in range(400)], dtype=object)
+    assert not streets_tangled(slanting)
+    monkeypatch.setattr(limits, "STREET_CROSSINGS", 10)
+    monkeypatch.setattr(limits, "STREET_EDGES_COMPARED", 100)
+    assert streets_tangled(slanting), "79,800 pairs, a hundred for each edge are 40,000"
+
+
+def test_a_map_of_lanes_at_random_is_refused_in_one_line(tmp_path):
+    """Twelve hundred lanes cross about 150,000 times; to join them would take a minute, and 3,000 of them six."""
+    ends = np.random.default_rng(4).uniform(-400.0, 400.0, (1200, 2, 2))
+    streets = geojson(
+        tmp_path / "lanes.geojson", [(degrees(LineString(one)), {"highway": "residential"}) for one in ends]
+    )
+    houses = geojson(tmp_path / "h.geojson", [(degrees(box(x, x, x + 9, x + 9)), {"height": 9}) for x in (-500, 500)])
+    expected = (
+        r"lanes.geojson: streets that cross at most 100,000 times, .* found that 1200 of them cross more often or"
+    )
+    with pytest.raises(CityError, match=expected):
+        read_city(houses, ReadOptions(streets=streets))
