@@ -27,6 +27,9 @@ __all__ = [
     "with_checksum",
 ]
 
+_AT_ONCE = 1 << 20
+"""Bytes that are asked for at once: memory is taken for all of them, however few there are."""
+
 
 def with_checksum(manifest: Mapping[str, Any]) -> dict[str, Any]:
     """``manifest`` with its field ``checksum``: the SHA-256 of the canonical JSON of all others, in hexadecimal."""
@@ -64,7 +67,9 @@ def read_json(path: Path, what: str) -> Any:  # noqa: ANN401
     """
     try:
         with Path(path).open("rb") as file:
-            data = file.read(limits.JSON_BYTES + 1)
+            data = bytearray()
+            while len(data) <= limits.JSON_BYTES and (more := file.read(_AT_ONCE)):
+                data += more
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         reason = getattr(error, "strerror", None) or error
         raise ParameterError(f"{path}: {what}'s JSON file expected, found: {reason}") from error

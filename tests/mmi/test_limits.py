@@ -6,6 +6,7 @@ import bz2
 import gzip
 import io
 import json
+import tracemalloc
 import zlib
 
 import numpy as np
@@ -194,6 +195,16 @@ def test_walks_and_what_moves_are_refused_by_their_size(tmp_path, monkeypatch):
     monkeypatch.setattr(limits, "JSON_BYTES", 5)
     with pytest.raises(ParameterError, match=r"a.json: a walk's JSON of up to 5 bytes expected, found more"):
         read_json(tmp_path / "a.json", "a walk")
+
+
+def test_a_small_walk_takes_little_memory(tmp_path):
+    (tmp_path / "a.json").write_text('"four"')
+    tracemalloc.start()
+    try:
+        assert read_json(tmp_path / "a.json", "a walk") == "four"
+        assert tracemalloc.get_traced_memory()[1] < 8 << 20 < limits.JSON_BYTES
+    finally:
+        tracemalloc.stop()
 
 
 def test_no_more_views_are_drawn_than_somebody_waits_for():

@@ -8,7 +8,7 @@ cross, and a thousand straight lanes at random cross a hundred thousand times.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -17,24 +17,39 @@ from shapely.geometry.base import BaseGeometry
 
 from mmi import limits
 
-__all__ = ["streets_tangled", "why_tangled"]
+__all__ = ["Tangles", "streets_tangled"]
 
 _AT_ONCE = 1_000_000
 """Pairs of edges that are looked at together, at most (tens of MB)."""
 
 
-def why_tangled(shape: BaseGeometry) -> str | None:
-    """Why an outline of any kind is too intricate to be mended, in words for a report; None where it is not."""
-    corners, line = _corners(shape)
-    if len(corners) > limits.OUTLINE_POINTS:
-        return f"an outline of more than {limits.OUTLINE_POINTS:,} points"
-    most = min(limits.CROSSINGS, limits.CROSSINGS_A_POINT * len(corners))
-    edges = _edges(corners, line)
-    return {
-        None: None,
-        "crossings": "an outline that crosses itself over and over",
-        "pairs": "an outline with too many edges side by side",
-    }[_too_many(*edges, most=most, compared=limits.EDGES_COMPARED)]
+class Tangles:
+    """What tells outlines that are too intricate to be mended, and counts what it found in all of those that it let pass."""
+
+    __slots__ = ("_compared", "_crossings")
+
+    def __init__(self) -> None:
+        self._crossings = self._compared = 0
+
+    def why(self, shape: BaseGeometry) -> str | None:
+        """Why an outline of any kind is not to be mended, in words for a report; None where it is."""
+        corners, line = _corners(shape)
+        if len(corners) > limits.OUTLINE_POINTS:
+            return f"an outline of more than {limits.OUTLINE_POINTS:,} points"
+        most = min(limits.CROSSINGS, limits.CROSSINGS_A_POINT * len(corners))
+        starts, ends = _edges(corners, line)
+        if self._compared > limits.EDGES_COMPARED_IN_ALL:
+            return "an outline after too many edges side by side in others"
+        found = _look(starts, ends, most=most, compared=limits.EDGES_COMPARED)
+        self._compared += found.compared
+        if found.crossings > most:
+            return "an outline that crosses itself over and over"
+        if found.compared > limits.EDGES_COMPARED:
+            return "an outline with too many edges side by side"
+        if self._crossings + found.crossings > limits.CROSSINGS_IN_ALL:
+            return f"an outline that crosses itself, after {limits.CROSSINGS_IN_ALL:,} crossings of others"
+        self._crossings += found.crossings
+        return None
 
 
 def streets_tangled(lines: NDArray[np.object_]) -> bool:
@@ -42,7 +57,8 @@ def streets_tangled(lines: NDArray[np.object_]) -> bool:
     starts, ends = _edges(*shapely.get_coordinates(lines, return_index=True))
     most = max(limits.STREET_CROSSINGS, len(starts))
     compared = max(limits.STREET_EDGES_COMPARED, 100 * len(starts))
-    return _too_many(starts, ends, most=most, compared=compared) is not None
+    found = _look(starts, ends, most=most, compared=compared)
+    return found.crossings > most or found.compared > compared
 
 
 def _edges(corners: NDArray[np.float64], line: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -51,12 +67,17 @@ def _edges(corners: NDArray[np.float64], line: NDArray[np.intp]) -> tuple[NDArra
     return corners[first], corners[first + 1]
 
 
-def _too_many(
-    starts: NDArray[np.float64], ends: NDArray[np.float64], *, most: int, compared: int
-) -> Literal["crossings", "pairs"] | None:
-    """What there is too much of: ``most`` crossings of edges, or pairs of edges ``compared`` as their boxes overlap."""
-    if len(starts) * (len(starts) - 3) // 2 <= most:  # so many there cannot be
-        return None
+class _Found(NamedTuple):
+    """How many pairs of edges cross, and how many were looked at as their boxes overlap."""
+
+    crossings: int
+    compared: int
+
+
+def _look(starts: NDArray[np.float64], ends: NDArray[np.float64], *, most: int, compared: int) -> _Found:
+    """What there is of edges from ``starts`` to ``ends`` (n, 2), until that is more than ``most`` or ``compared``."""
+    if len(starts) < 3:
+        return _Found(0, 0)
     edges = shapely.linestrings(np.stack([starts, ends], axis=1))
     tree = shapely.STRtree(edges)
     step = max(1, _AT_ONCE // len(edges))
@@ -67,11 +88,9 @@ def _too_many(
         a, b = a[a < b], b[a < b]
         looked_at += len(a)
         crossings += _crossing(starts, ends, a, b)
-        if crossings > most:
-            return "crossings"
-        if looked_at > compared:
-            return "pairs"
-    return None
+        if crossings > most or looked_at > compared:
+            break
+    return _Found(crossings, looked_at)
 
 
 def _corners(shape: BaseGeometry) -> tuple[NDArray[np.float64], NDArray[np.intp]]:

@@ -19,6 +19,7 @@ import osmium
 import pyproj
 
 from mmi.foundation.errors import CityError
+from mmi.reading.maps.crossings import Tangles
 from mmi.reading.maps.osm_shapes import Relation, Way, outline_of_relation, polygon_of_way, street_of_way
 from mmi.reading.maps.osm_text import DAMAGED, OsmText, look_through, without_damage
 from mmi.reading.raw_layers import BuildingLayer, RawBuilding, RawStreet, StreetLayer
@@ -94,8 +95,9 @@ def read_osm(path: Path, ledger: Ledger, *, buildings: bool, streets: bool) -> t
     }
     tagged |= {f"way/{number}": one.id for one in relations if "building" in one.tags for number in one.outer}
     more_relations, more_tags = _from_groups(groups, areas, tagged, ledger)
+    tangles = Tangles()
     for relation in (*relations, *more_relations):
-        geometry = outline_of_relation(relation, ways, ledger)
+        geometry = outline_of_relation(relation, ways, tangles, ledger)
         if geometry is not None:
             assembled.append(RawBuilding(relation.id, geometry, more_tags.get(relation.id, {}) | relation.tags))
             if "building" in relation.tags:

@@ -12,7 +12,7 @@ import shapely
 from shapely.geometry import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from mmi.reading.maps.crossings import why_tangled
+from mmi.reading.maps.crossings import Tangles
 from mmi.reading.raw_layers import RawStreet
 from mmi.reading.report import Ledger
 
@@ -109,8 +109,10 @@ def join_rings(ways: list[tuple[int, ...]]) -> tuple[list[tuple[int, ...]], int]
     return rings, left_over
 
 
-def outline_of_relation(relation: Relation, ways: dict[int, Way], ledger: Ledger) -> BaseGeometry | None:
-    """Outer rings less inner rings, or None with the reason in the ledger."""
+def outline_of_relation(
+    relation: Relation, ways: dict[int, Way], tangles: Tangles, ledger: Ledger
+) -> BaseGeometry | None:
+    """Outer rings less inner rings, or None with the reason in the ledger; ``tangles`` has looked at those before."""
     places = {
         node: place
         for number in (*relation.outer, *relation.inner)
@@ -134,7 +136,7 @@ def outline_of_relation(relation: Relation, ways: dict[int, Way], ledger: Ledger
         ledger.note("repaired", "relation with incomplete outer rings: complete ones kept", relation.id)
     if broken_inners:
         ledger.note("repaired", "relation with an incomplete courtyard: courtyard filled", relation.id)
-    tangled = why_tangled(shapely.geometrycollections([*outers, *inners]))
+    tangled = tangles.why(shapely.geometrycollections([*outers, *inners]))
     if tangled is not None:
         ledger.note("left out", f"building: {tangled}", relation.id)
         return None

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from mmi.reading.maps.crossings import why_tangled
+from mmi.reading.maps.crossings import Tangles
 from mmi.reading.report import Ledger
 
 __all__ = ["SLIVER_AREA", "clean_outlines", "cut_overlaps", "find_duplicates", "solid_polygons"]
@@ -49,18 +49,19 @@ def clean_outlines(ids: Sequence[str], outlines: NDArray[np.object_], ledger: Le
     """The valid polygons of each outline, none where nothing of substance is left (counted with the reason).
 
     Repeated points go; invalid polygons are rebuilt by ``make_valid`` (holes are cut out, overlapping parts united, spikes
-    dropped); pieces that are slivers go. An outline that is too intricate for that is left out (``why_tangled``).
+    dropped); pieces that are slivers go. An outline that is too intricate for that is left out (``Tangles``).
     """
     lean = shapely.remove_repeated_points(outlines, tolerance=0.0)
     points = shapely.get_num_coordinates(lean)
     thinner = points < shapely.get_num_coordinates(outlines)
     sound = points <= _FEW
     sound[sound] = shapely.is_valid(lean[sound])
+    tangles = Tangles()
     cleaned: list[tuple[Polygon, ...]] = []
     for id_, outline, is_valid, is_thinner in zip(ids, lean, sound, thinner, strict=True):
         if is_thinner:
             ledger.note("repaired", "repeated points removed", id_)
-        why = None if is_valid else why_tangled(outline)
+        why = None if is_valid else tangles.why(outline)
         if why is not None:
             ledger.note("left out", f"building: {why}", id_)
             cleaned.append(())

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.cluster.hierarchy import DisjointSet
 from shapely.geometry import Polygon
 
 from mmi.city.model import CityObject, Prism, Texture
@@ -140,26 +141,20 @@ def _basins(walls: Stretches) -> _Basins:
     height = _edge_heights(ends, lines, walls.tops)
     # Lowest edges first; of edges that are as high, those at the outside, so that what is as high stays apart.
     order = np.lexsort([beyond >= 0, height])
-    group = list(range(len(faces)))
+    places = DisjointSet(range(len(faces)))
     top = np.full(len(faces), -np.inf)
     flooded = np.zeros(len(faces), dtype=bool)
 
-    def root(i: int) -> int:
-        while group[i] != i:
-            group[i] = group[group[i]]
-            i = group[i]
-        return i
-
     for e in order.tolist():
-        a, b = root(int(face[e])), root(int(beyond[e])) if beyond[e] >= 0 else -1
+        a, b = places[int(face[e])], places[int(beyond[e])] if beyond[e] >= 0 else -1
         outside = b < 0 or flooded[b]
         if outside or flooded[a]:
             for basin in (a, b):
                 if basin >= 0 and not flooded[basin]:
                     flooded[basin], top[basin] = True, height[e]
-        elif a != b:
-            group[b] = a
-    roots = np.array([root(i) for i in range(len(faces))])
+        else:
+            places.merge(a, b)
+    roots = np.array([places[i] for i in range(len(faces))])
     shapes: list[Polygon] = []
     tops: list[float] = []
     for i in np.flatnonzero(np.isfinite(top)).tolist():

@@ -14,7 +14,7 @@ from shapely.geometry import GeometryCollection, LineString, MultiPolygon, Point
 
 from mmi import limits
 from mmi.foundation.errors import CityError
-from mmi.reading.maps.crossings import streets_tangled, why_tangled
+from mmi.reading.maps.crossings import Tangles, streets_tangled
 from mmi.reading.maps.repair import clean_outlines
 from mmi.reading.read_city import read_city
 from mmi.reading.read_options import ReadOptions
@@ -55,7 +55,7 @@ def test_crossings_are_counted_as_one_by_one(polygon):
     for most, reason in ((expected, None), (expected - 1, OVER_AND_OVER))[: 1 + (expected > 0)]:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(limits, "CROSSINGS", most)
-            assert why_tangled(polygon) == reason
+            assert Tangles().why(polygon) == reason
 
 
 def test_a_scribble_is_left_out_and_what_lies_beside_it_is_not():
@@ -80,13 +80,13 @@ def test_faces_that_share_their_corners_do_not_cross():
     """As those of a roof do, seen from above."""
     grid = [shapely.box(x, y, x + 1, y + 1) for x in range(30) for y in range(30)]
     halves = [Polygon(one.exterior.coords[k : k + 3]) for one in grid for k in (0, 2)]
-    assert why_tangled(GeometryCollection([MultiPolygon(halves), Point(3, 3)])) is None
+    assert Tangles().why(GeometryCollection([MultiPolygon(halves), Point(3, 3)])) is None
 
 
 def test_outlines_of_too_many_points_are_left_out(monkeypatch):
     monkeypatch.setattr(limits, "OUTLINE_POINTS", 100)
-    assert why_tangled(Point(0, 0).buffer(1.0, 25)) == "an outline of more than 100 points"
-    assert why_tangled(Point(0, 0).buffer(1.0, 24)) is None
+    assert Tangles().why(Point(0, 0).buffer(1.0, 25)) == "an outline of more than 100 points"
+    assert Tangles().why(Point(0, 0).buffer(1.0, 24)) is None
 
 
 def lanes(count):
@@ -134,3 +134,23 @@ def test_a_map_of_lanes_at_random_is_refused_in_one_line(tmp_path):
     )
     with pytest.raises(CityError, match=expected):
         read_city(houses, ReadOptions(streets=streets))
+
+
+def test_crossings_are_counted_in_all_outlines(monkeypatch):
+    """Bow ties cross once each: with two in all the third is left out, and what does not cross still stands."""
+    monkeypatch.setattr(limits, "CROSSINGS_IN_ALL", 2)
+    tie = Polygon([(0, 0), (10, 10), (10, 0), (0, 10)])
+    outlines = np.array([tie, tie, box(0, 0, 9, 9), tie, box(20, 0, 29, 9)], dtype=object)
+    ledger = Ledger()
+    found = clean_outlines(list("abcde"), outlines, ledger)
+    assert [len(one) for one in found] == [2, 2, 1, 0, 1]
+    assert ledger.count("left out", "building: an outline that crosses itself, after 2 crossings of others") == 1
+
+
+def test_edges_are_compared_in_all_outlines(monkeypatch):
+    """Valid outlines of more than a thousand points are looked at, until there was enough of that."""
+    monkeypatch.setattr(limits, "EDGES_COMPARED_IN_ALL", 1000)
+    outlines = np.array([comb(300), comb(300), box(0, 0, 9, 9)], dtype=object)
+    ledger = Ledger()
+    assert [len(one) for one in clean_outlines(list("abc"), outlines, ledger)] == [1, 0, 1]
+    assert ledger.count("left out", "building: an outline after too many edges side by side in others") == 1
