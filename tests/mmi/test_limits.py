@@ -207,6 +207,45 @@ def test_a_small_walk_takes_little_memory(tmp_path):
         tracemalloc.stop()
 
 
+def lines_osm(path, *, action=""):
+    """A house and a street beside it."""
+    places = [(0, 0), (0, 1), (1, 1), (1, 0), (-5, -1), (5, -1)]
+    nodes = "".join(
+        f'<node id="{i}" lat="{60 + 1e-4 * y}" lon="{25 + 1e-4 * x}"{action}/>' for i, (x, y) in enumerate(places, 1)
+    )
+    house = "".join(f'<nd ref="{i}"/>' for i in (1, 2, 3, 4, 1))
+    path.write_text(
+        f'<osm version="0.6">{nodes}<way id="1">{house}<tag k="building" v="yes"/><tag k="height" v="9"/></way>'
+        '<way id="2"><nd ref="5"/><nd ref="6"/><tag k="highway" v="residential"/></way></osm>'
+    )
+    return path
+
+
+def test_edited_maps_are_written_anew_up_to_a_size(tmp_path, monkeypatch):
+    path = lines_osm(tmp_path / "a.osm", action=' action="modify"')
+    path.write_text(path.read_text().replace("</osm>", '<node id="9" lat="60" lon="25" action="delete"/></osm>'))
+    read_city(path)
+    monkeypatch.setattr(limits, "REWRITTEN_BYTES", 100)
+    with pytest.raises(CityError, match=r"a.osm: at most 100 bytes expected to come out of it, found more"):
+        read_city(path)
+
+
+def test_streets_that_reach_too_far_are_left_out(tmp_path, monkeypatch):
+    path = lines_osm(tmp_path / "a.osm")
+    monkeypatch.setattr(limits, "STREET_REACH", 20.0)  # it is 56 m long
+    with pytest.raises(CityError, match=r"a.osm: no streets for --network drive; found only 1 out of reach"):
+        read_city(path)
+
+
+def test_values_beyond_any_building_are_not_used(tmp_path, monkeypatch):
+    path = lines_osm(tmp_path / "a.osm")
+    (house,) = read_city(path)[0].objects
+    assert house.prisms[0].top - house.prisms[0].bottom == pytest.approx(9.0)
+    monkeypatch.setattr(limits, "BUILDING_HEIGHT", 8.0)
+    with pytest.raises(CityError, match="none of 1 buildings has a height"):
+        read_city(path)
+
+
 def test_no_more_views_are_drawn_than_somebody_waits_for():
     with pytest.raises(ParameterError, match="1 to 100000 views expected, found 100001"):
         random_views([object()], 100_001, seed=1)

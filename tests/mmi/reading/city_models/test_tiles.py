@@ -205,6 +205,11 @@ def test_damaged_and_huge_zips_are_refused_in_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr("mmi.limits.ZIP_BYTES", 1000)
     with pytest.raises(CityError, match=r"city\.zip: at most .* together expected, found 1 of .*; unpack it"):
         read_city(zipped(tmp_path / "tiles", path))
+    monkeypatch.setattr("mmi.limits.ZIP_FILES", 0)
+    with pytest.raises(
+        CityError, match=r"city\.zip: at most 0 files of .* together expected, found 1 of .*; unpack it"
+    ):
+        read_city(path)
 
 
 def test_options_hold_for_all_tiles(tmp_path):

@@ -154,3 +154,14 @@ def test_edges_are_compared_in_all_outlines(monkeypatch):
     ledger = Ledger()
     assert [len(one) for one in clean_outlines(list("abc"), outlines, ledger)] == [1, 0, 1]
     assert ledger.count("left out", "building: an outline after too many edges side by side in others") == 1
+
+
+def test_crossings_are_counted_for_each_point_and_edges_side_by_side(monkeypatch):
+    monkeypatch.setattr(limits, "EDGES_COMPARED", 1000)
+    assert Tangles().why(comb(300)) == "an outline with too many edges side by side"
+    monkeypatch.undo()
+    tangled = scribble(20)
+    least = crossings(tangled) // 21 + 1  # its first corner comes again at the end
+    for each, reason in ((least, None), (least - 1, OVER_AND_OVER)):
+        monkeypatch.setattr(limits, "CROSSINGS_A_POINT", each)
+        assert Tangles().why(tangled) == reason
