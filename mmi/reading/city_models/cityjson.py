@@ -34,6 +34,7 @@ from mmi.reading.city_models.cityjson_parts import (
     level_of,
     line_of,
     missing_parts,
+    objects_with_all_ids,
     points_of,
     surfaces_of,
     theme_values,
@@ -78,7 +79,7 @@ def read_cityjson(path: Path, ledger: Ledger, *, lod: str | None = None, crs: py
         CityError: the file is damaged, or no CityJSON; names the object at fault.
     """
     reader = _Reader(path, ledger, lod, crs)
-    for document, features in _documents(path):
+    for document, features in _documents(path, ledger):
         try:
             reader.begin(document)
             for feature in features:
@@ -90,20 +91,24 @@ def read_cityjson(path: Path, ledger: Ledger, *, lod: str | None = None, crs: py
     return reader.layer()
 
 
-def _documents(path: Path) -> Iterator[tuple[dict[str, Any], Iterator[dict[str, Any]]]]:
+def _documents(path: Path, ledger: Ledger) -> Iterator[tuple[dict[str, Any], Iterator[dict[str, Any]]]]:
     """The first document, which says how to read the others, and those with objects: itself, or the features of a sequence."""
-    text = path.read_bytes()
+    text, repeated = path.read_bytes(), list[str]()
+    objects = objects_with_all_ids(repeated)
     try:
         try:
-            lines, sequence = [json.loads(text)], False
+            lines, sequence = [json.loads(text, object_pairs_hook=objects)], False
         except json.JSONDecodeError:
-            lines, sequence = [json.loads(line) for line in text.splitlines() if line.strip()], True
+            whole = (line for line in text.splitlines() if line.strip())
+            lines, sequence = [json.loads(line, object_pairs_hook=objects) for line in whole], True
             if len(lines) < 2:
                 raise
     except (ValueError, RecursionError) as error:
         raise CityError(f"{path}: CityJSON expected, found damaged JSON ({line_of(error)})") from error
     if not all(isinstance(line, dict) for line in lines):
         raise CityError(f"{path}: CityJSON objects expected, found other JSON")
+    for name in repeated:
+        ledger.note("repaired", "repeated id made unique", name)
     first = lines[0]
     yield first, iter(lines[1:] if sequence and not first.get("CityObjects") else lines)
 

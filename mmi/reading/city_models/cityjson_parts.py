@@ -5,13 +5,14 @@ Pure functions; what reads files and collects is ``cityjson``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mmi.reading.city_models.faces import Color
+from mmi.reading.names import UniqueNames
 
 __all__ = [
     "DAMAGE",
@@ -22,6 +23,7 @@ __all__ = [
     "level_of",
     "line_of",
     "missing_parts",
+    "objects_with_all_ids",
     "points_of",
     "surfaces_of",
     "theme_values",
@@ -51,6 +53,31 @@ def attributes_of(one: Mapping[str, Any]) -> dict[str, Any]:
     """The attributes of an object, none where they are something else."""
     attributes = one.get("attributes")
     return attributes if isinstance(attributes, dict) else {}
+
+
+def objects_with_all_ids(repeated: list[str]) -> Callable[[list[tuple[str, Any]]], dict[str, Any]]:
+    """What makes a dict of the members of a JSON object, for ``json.loads(object_pairs_hook=...)``.
+
+    Of two city objects with one id JSON's readers keep the last. Here the others get numbers, which go into ``repeated``; what
+    is no city object is kept as usual.
+    """
+
+    def members(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        whole = dict(pairs)
+        if len(whole) == len(pairs) or not all(isinstance(one, dict) and "type" in one for one in whole.values()):
+            return whole
+        names, kept = UniqueNames(), dict[str, Any]()
+        for name in whole:
+            names.take(name)
+        for name, value in pairs:
+            own = names.free(name) if name in kept else name
+            names.take(own)
+            kept[own] = value
+            if own != name:
+                repeated.append(own)
+        return kept
+
+    return members
 
 
 def without_looks(templates: dict[str, Any]) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from mmi.reading.ground.relief import (
     choose_spacing,
     no_height,
     read_relief_points,
+    spikes_among,
     terrain_from_points,
     terrain_from_triangles,
 )
@@ -81,9 +82,12 @@ def ground_of_model(
     void = no_height(vertices[:, 2])
     if len(mesh.triangles):
         triangles = mesh.triangles[~void[mesh.triangles].any(axis=1)]
+        spikes = spikes_among(vertices, triangles)
+        sound = triangles[~spikes[triangles].any(axis=1)]
         ledger.note("read", "triangles of the ground", count=len(mesh.triangles))
         ledger.note("left out", VOID.format("triangle"), count=len(mesh.triangles) - len(triangles))
-        return terrain_from_triangles(vertices, triangles, bounds=wide, spacing=spacing)
+        ledger.note("left out", "triangle of the ground: at a spike", count=len(triangles) - len(sound))
+        return terrain_from_triangles(vertices, sound, bounds=wide, spacing=spacing)
     ledger.note("read", "points of the ground", count=len(vertices))
     ledger.note("left out", VOID.format("point"), count=int(void.sum()))
     return terrain_from_points(vertices[~void], bounds=wide, spacing=spacing)[0]

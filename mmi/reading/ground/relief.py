@@ -27,7 +27,10 @@ from mmi.reading.maps.gis_columns import says_feet
 from mmi.reading.maps.heights import FOOT
 from mmi.reading.report import Ledger
 
-__all__ = ["VOID", "choose_spacing", "no_height", "read_relief_points", "terrain_from_points", "terrain_from_triangles"]
+__all__ = [
+    "VOID", "choose_spacing", "no_height", "read_relief_points", "spikes_among", "terrain_from_points",
+    "terrain_from_triangles",
+]  # fmt: skip
 
 _MOST_SQUARES = 512
 _FINEST = 5.0
@@ -42,6 +45,8 @@ _ROUGHNESS = 0.5
 _STEEPNESS = 0.25
 """Share of the distance to the neighbours: what rises by less is a hill."""
 _NEIGHBOURS = 8
+_TALLEST_STEP = 100.0
+"""Metres that surfaces, which have quays and cliffs, may rise at once."""
 _LOWEST, _HIGHEST = -1500.0, 30_000.0
 """All ground lies between these heights, in metres as well as in feet, from the Dead Sea to Mount Everest."""
 VOID = "{} of the ground: a void (no ground is as low or high)"
@@ -251,8 +256,22 @@ def _binned(
     return Terrain(origin, spacing, at_nodes), int(count[used[spikes]].sum())
 
 
-def _spikes(place: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which points (n, 2) with heights (n,) stick out from their neighbours."""
+def spikes_among(vertices: NDArray[np.float64], triangles: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Which vertices (n, 3) of a surface stick out from their neighbours, by more than quays, dams and cliffs do.
+
+    Corners in one place count as one.
+    """
+    spikes = np.zeros(len(vertices), dtype=bool)
+    used = np.unique(triangles)
+    if len(used):
+        _, first, same = np.unique(np.round(vertices[used], 3), axis=0, return_index=True, return_inverse=True)
+        place = vertices[used[first]]
+        spikes[used] = _spikes(place[:, :2], place[:, 2], least=_TALLEST_STEP)[same.reshape(-1)]
+    return spikes
+
+
+def _spikes(place: NDArray[np.float64], z: NDArray[np.float64], *, least: float = 0.0) -> NDArray[np.bool_]:
+    """Which points (n, 2) with heights (n,) stick out from their neighbours, by more than ``least``."""
     if len(z) < 2 * _NEIGHBOURS:
         return np.zeros(len(z), dtype=bool)
     distance, near = cKDTree(place).query(place, k=_NEIGHBOURS + 1)
@@ -262,7 +281,7 @@ def _spikes(place: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.bo
     slope = np.median(np.abs(z[near] - np.median(z[near], axis=1)[:, None]), axis=1)
     deviation = 1.4826 * np.median(np.abs(difference))
     usual = _DEVIATIONS * np.maximum(np.maximum(deviation, 1.4826 * slope), _ROUGHNESS)
-    return np.asarray(np.abs(difference) > np.maximum(usual, _STEEPNESS * distance))
+    return np.asarray(np.abs(difference) > np.maximum(np.maximum(usual, least), _STEEPNESS * distance))
 
 
 def _raster_points(

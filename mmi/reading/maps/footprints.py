@@ -36,6 +36,7 @@ from mmi.reading.maps.gis_columns import (
     in_feet,
     plain_name,
     tags_of_rows,
+    texts_of_unknown_encoding,
     unit_of_heights,
     why_no_building,
     why_no_street,
@@ -307,9 +308,20 @@ def _read(layer: _Layer, ledger: Ledger) -> _Table:
     for one in caught:
         ledger.warn(f"{layer.file.name}: {one.message}")
     geometries = () if wkb is None else tuple(geometries_from_wkb(wkb))
+    if layer.file.suffix.lower() == ".shp" and meta["encoding"] == "ISO-8859-1" and not _says_encoding(layer.file):
+        data = texts_of_unknown_encoding(data, layer.file.name, ledger)
     columns = {str(name): values for name, values in zip(meta["fields"], data, strict=True)}
     return _Table(
         layer, declared_crs(layer.file, meta["crs"], hint="; name one with --crs EPSG:..."), geometries, columns
+    )
+
+
+def _says_encoding(file: Path) -> bool:
+    """Whether a Shapefile has a .cpg with something in it."""
+    return any(
+        one.stat().st_size
+        for one in (file.with_suffix(".cpg"), file.with_suffix(".CPG"), Path(f"{file}.cpg"))
+        if one.is_file()
     )
 
 

@@ -14,12 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mmi.reading.names import readable_name
 from mmi.reading.raw_layers import is_yes
 from mmi.reading.report import Ledger
 
 __all__ = [
     "BUILDING_COLUMNS", "HEIGHT_COLUMNS", "LEVELS_COLUMNS", "STREET_COLUMNS", "guess_column", "ids_of_rows", "in_feet",
-    "plain_name", "says_feet", "tags_of_rows", "unit_of_heights", "why_no_building", "why_no_street",
+    "plain_name", "says_feet", "tags_of_rows", "texts_of_unknown_encoding", "unit_of_heights", "why_no_building",
+    "why_no_street",
 ]  # fmt: skip
 
 # Names are compared without case and punctuation; the first that a layer has is used.
@@ -40,6 +42,11 @@ BUILDING_COLUMNS = MappingProxyType(
         "layer": ("layer",),
         "location": ("location",),
         "underground": ("isunderground", "underground"),
+        "fclass": ("fclass",),
+        "landuse": ("landuse",),
+        "natural": ("natural",),
+        "waterway": ("waterway",),
+        "leisure": ("leisure",),
     }
 )
 STREET_COLUMNS = MappingProxyType(
@@ -67,9 +74,22 @@ STREET_COLUMNS = MappingProxyType(
         "aerialway": ("aerialway",),
     }
 )
-_SAYS_FEET = re.compile(r"(?:^|[\W_]|height|hgt|ht)(?:ft|feet)(?:$|[\W_])", re.IGNORECASE)
+# In a Shapefile a name of ten letters may have lost its last ones: HEIGHT_FEE.
+_SAYS_FEET = re.compile(r"(?:^|[\W_]|height|hgt|ht)(?:ft|feet)(?:$|[\W_])|^.{6}(?:[\W_]|ht|gt)fee$", re.IGNORECASE)
+# What programs write into cells that have no value.
+_EMPTY = frozenset({"", "null", "<null>", "(null)", "nan", "n/a", "#n/a", "-"})
 _KNOWN_IN_FEET = frozenset({"heightroof"})  # of New York's building footprints
 _IDS = ("id", "osmid", "idway", "osmway", "buildingid", "bldgid", "gmlid", "cleabs", "objectid", "uid", "gid", "pk")
+_LAND = ("fclass", "landuse", "natural", "waterway", "leisure")
+# Their values, in OpenStreetMap and in its extracts as Shapefiles, that no building has.
+_OPEN_LAND = frozenset(
+    {
+        "allotments", "basin", "beach", "canal", "cemetery", "farmland", "farmyard", "forest", "garden", "golf_course", "grass",
+        "grassland", "greenfield", "heath", "marsh", "meadow", "nature_reserve", "orchard", "park", "parking", "pitch",
+        "playground", "recreation_ground", "reservoir", "river", "riverbank", "sand", "scrub", "vineyard", "water", "wetland",
+        "wood",
+    }
+)  # fmt: skip
 _NO_ROADS = ("railway", "waterway", "barrier", "fence", "power", "aerialway")
 # Values of a column that tells the kinds of lines apart, where roads, railways and rivers share it.
 _NO_ROAD_KINDS = frozenset(
@@ -96,12 +116,43 @@ def guess_column(columns: dict[str, NDArray[Any]], names: tuple[str, ...]) -> st
 
 
 def _text(value: object) -> str | None:
-    """A cell as a tag's value; None where it is empty, a list or binary."""
+    """A cell as a tag's value; None where it is empty or says so in a word, a list or binary."""
     if value is None or isinstance(value, np.ndarray | list | bytes) or value != value:
         return None
     if isinstance(value, float | np.floating) and float(value).is_integer():
         value = int(value)
-    return str(value).strip() or None
+    text = str(value).strip()
+    return None if text.lower() in _EMPTY else text
+
+
+def texts_of_unknown_encoding(columns: list[NDArray[Any]], file: str, ledger: Ledger) -> list[NDArray[Any]]:
+    """The columns of a Shapefile that does not say what it is written in, and was read as Latin-1: as ``readable_name`` reads.
+
+    The ledger says so: a note where all texts are UTF-8, as many programs write, else a warning.
+    """
+    bytes_of = {
+        text: text.encode("latin-1")
+        for values in columns
+        if values.dtype == object
+        for text in values.tolist()
+        if isinstance(text, str) and not text.isascii() and max(text) <= "\xff"
+    }
+    if not bytes_of:
+        return columns
+    readable = {text: readable_name(data) for text, data in bytes_of.items()}
+    if all(text.encode("utf-8") == bytes_of[was] for was, text in readable.items()):
+        ledger.note("noted", "texts read as UTF-8, as the Shapefile does not say what they are written in", file)
+    else:
+        ledger.warn(
+            f"{file}: says nowhere what its texts are written in, such as {next(iter(readable.values()))!r}: "
+            f"its .cpg should (CP932)"
+        )
+    return [
+        np.array([readable.get(one, one) if isinstance(one, str) else one for one in values], dtype=object)
+        if values.dtype == object
+        else values
+        for values in columns
+    ]
 
 
 def says_feet(name: str) -> bool:
@@ -165,9 +216,14 @@ def why_no_building(tags: Mapping[str, str], column: str | None) -> str | None:
     """Why a polygon is no building (land use, water, a car park), or None.
 
     ``column`` is the layer's column ``building``, None if it has none or one that is empty throughout: then every polygon
-    counts. A building part needs no value there.
+    counts, unless a column of land use calls it open land. A building part needs no value there.
     """
-    if column is None or "building" in tags or is_yes(tags.get("building:part")):
+    if column is None:
+        open_land = next((tags[tag] for tag in _LAND if tags.get(tag, "").lower() in _OPEN_LAND), None)
+        # A building may say on what land it stands, but land has no height; the class of a Shapefile is the thing itself.
+        sure = "fclass" in tags or not {"height", "building:levels"} & tags.keys()
+        return f"open land ({open_land.lower()})" if open_land is not None and sure else None
+    if "building" in tags or is_yes(tags.get("building:part")):
         return None
     return f"none (empty in the column {column})"
 

@@ -145,7 +145,10 @@ class _Reading:
         document = self.gltf.document
         nodes = document.get("nodes", [])
         if "scenes" in document:
-            roots = document["scenes"][int(document.get("scene", 0))].get("nodes", [])
+            shown, scenes = int(document.get("scene", 0)), document["scenes"]
+            if not 0 <= shown < len(scenes):
+                raise ValueError(f"scene {shown} is to be shown, the file has {len(scenes)}")
+            roots = scenes[shown].get("nodes", [])
         else:
             children = {int(child) for node in nodes for child in node.get("children", [])}
             roots = [i for i in range(len(nodes)) if i not in children]

@@ -12,6 +12,7 @@ Source: Wavefront, Advanced Visualizer Manual, appendix B (object files) and the
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from codecs import BOM_UTF8
@@ -242,6 +243,7 @@ def _read_materials(path: Path, name: bytes, shelf: PictureShelf, ledger: Ledger
         ledger.note("left out", "materials: their .mtl is missing", readable_name(name))
         return {}
     looks: dict[bytes, _Look] = {}
+    tints: dict[bytes, tuple[float, float, float]] = {}
     current = b""
     for number, line in enumerate(
         bytes_within(file, limits.SMALL_BYTES, CityError).removeprefix(BOM_UTF8).splitlines(), 1
@@ -254,10 +256,13 @@ def _read_materials(path: Path, name: bytes, shelf: PictureShelf, ledger: Ledger
             if key == b"newmtl":
                 current = line.split(None, 1)[1].strip()
                 looks[current] = _Look(PAINTED if current == b"painted" else PLAIN)
+                tints.pop(current, None)
             elif current and key == b"kd" and looks[current].texture == PLAIN:
                 kd = [float(word) for word in words[1:4]]
-                red, green, blue = (round(255.0 * min(max(one, 0.0), 1.0)) for one in (kd * 3)[: max(3, len(kd))])
-                looks[current] = _Look(PLAIN, (red, green, blue))
+                red, green, blue = (kd * 3)[: max(3, len(kd))]
+                if math.isnan(red + green + blue):
+                    raise ValueError("no number")
+                tints[current] = (red, green, blue)
             elif current and key == b"map_kd":
                 looks[current] = _mapped(file, words[1:], shelf, ledger) or looks[current]
             elif (key == b"d" and float(words[-1]) < 1.0) or (key == b"tr" and float(words[-1]) > 0.0):
@@ -265,6 +270,14 @@ def _read_materials(path: Path, name: bytes, shelf: PictureShelf, ledger: Ledger
         except (ValueError, IndexError) as error:
             found = readable_name(line.strip()[:60])
             raise CityError(f"{file}: line {number}: expected a material, found {found!r} ({error})") from error
+    white = 1.0
+    if _are_bytes(np.array([*tints.values()])):
+        ledger.note("noted", "colours of materials from 0 to 255 instead of 0 to 1", file.name)
+        white = 255.0
+    for of, tint in tints.items():
+        if looks[of].texture == PLAIN:
+            red, green, blue = (round(255.0 * min(max(one / white, 0.0), 1.0)) for one in tint)
+            looks[of] = _Look(PLAIN, (red, green, blue))
     return looks
 
 

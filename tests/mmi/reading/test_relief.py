@@ -322,3 +322,18 @@ def test_lorient_and_zug():
     assert crs is not None
     assert crs.to_epsg() == 32732
     assert points.shape == (27 * 31, 3)
+
+
+@pytest.mark.parametrize(("height", "left_out"), [(9999.0, 6), (80.0, 0)])
+def test_spikes_in_the_ground_of_a_model(height, left_out):
+    """A void within the range of plausible heights; a tower of rock is none."""
+    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(0.0, 101.0, 10.0), np.arange(0.0, 101.0, 10.0)))
+    points = np.column_stack([x, y, 0.1 * x])
+    points[60, 2] = height
+    corners = [one for i in range(109) if i % 11 < 10 for one in ((i, i + 1, i + 12), (i, i + 12, i + 11))]
+    # Every triangle has corners of its own, as those of CityGML have.
+    mesh = TriangleMesh(points[np.ravel(corners)], np.arange(3 * len(corners)).reshape(-1, 3))
+    ledger = Ledger()
+    terrain = ground_of_model(mesh, lambda one: one, (0.0, 0.0, 100.0, 100.0), ledger)
+    assert terrain.at(np.array([points[60, :2]])) == pytest.approx(5.0 if left_out else height, abs=1.0)
+    assert ledger.count("left out", "triangle of the ground: at a spike") == left_out

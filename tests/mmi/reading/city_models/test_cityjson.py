@@ -727,3 +727,15 @@ def test_the_small_file_is_sound(tmp_path):
     assert [len(item.mesh.triangles) for item in layer.items] == [24]
     assert len(layer.terrain.triangles) == 2
     assert len(layer.streets) == 1
+
+
+def test_ids_that_repeat_in_one_file(tmp_path):
+    """JSON's readers keep the last of them; what is no city object stays as they read it."""
+    path = saved(document(a=building(solid()), b=building(solid(SECOND)), c=building(solid())), tmp_path)
+    text = path.read_text().replace('"b":', '"a":').replace('"c":', '"a":')
+    path.write_text(text.replace('"version": "1.1"', '"version": "9", "version": "1.1"'))
+    ledger = Ledger()
+    layer = read_cityjson(path, ledger)
+    assert [one.id for one in layer.items] == ["a", "a#2", "a#3"]
+    assert [size(one)[2] for one in layer.items] == pytest.approx([6.0, 3.0, 6.0])
+    assert ledger.count("repaired", "repeated id made unique") == 2

@@ -115,6 +115,8 @@ def test_columns_can_be_named(tmp_path, street):
         ("height_ft", None, 0.3048),
         ("Height (ft)", None, 0.3048),
         ("HEIGHTFEET", None, 0.3048),
+        ("HEIGHT_FEE", None, 0.3048),  # in a Shapefile
+        ("coffee", None, 1.0),
         ("height_ft", "m", 1.0),
         ("loft", None, 1.0),
         ("shaft height", None, 1.0),

@@ -1,6 +1,9 @@
 """Exports of whole maps: land use is no building, rails and rivers are no streets, and all of it is counted."""
 
+import numpy as np
+import pyogrio
 import pytest
+import shapely
 from city_files import geojson
 from shapely.geometry import LineString, box
 
@@ -111,3 +114,60 @@ def test_lines_without_any_road_are_refused_with_their_number(tmp_path):
     why = r"no streets: no usable line in it; left out: 2 no road \(railway\); expected streets, as this is where"
     with pytest.raises(CityError, match=why):
         read(tmp_path, [house(0)], [line(0, railway="rail"), line(1, railway="tram")])
+
+
+@pytest.mark.parametrize("word", ["NULL", "<null>", "nan", "n/a", "-"])
+def test_words_for_an_empty_cell(tmp_path, word):
+    polygons = [house(0, building="yes", gid="1"), house(1, building=word, gid=word)]
+    city, report = read(tmp_path, polygons, [line(0)])
+    assert [one.id for one in city.objects] == ["feature/0"]
+    assert left_out(report) == {"building: none (empty in the column building)": 1}
+
+
+def test_open_land_is_no_building(tmp_path):
+    """Its class in an extract as a Shapefile, or a column of land use where there is no height."""
+    polygons = [house(0, fclass="building"), house(1, fclass="water"), house(2, fclass="forest")]
+    city, report = read(tmp_path, polygons, [line(0)])
+    assert [one.id for one in city.objects] == ["feature/0"]
+    assert left_out(report) == {"building: open land (water)": 1, "building: open land (forest)": 1}
+    polygons = [house(0, natural=None), house(1, natural="Water", height=None), house(2, landuse="grass")]
+    city, report = read(tmp_path, polygons, [line(0)])
+    assert [one.id for one in city.objects] == ["feature/0", "feature/2"]
+    assert left_out(report) == {"building: open land (water)": 1}
+
+
+def shapefile(path, ids, encoding, cpg):
+    """Houses with ids in an encoding that the .cpg tells, or does not."""
+    shapes = [house(k)[0] for k in range(len(ids))]
+    columns = [np.array(ids, dtype=object), np.full(len(ids), 9.0)]
+    pyogrio.raw.write(
+        path, shapely.to_wkb(shapes), columns, ["id", "height"], geometry_type="Polygon", crs=UTM, encoding=encoding
+    )
+    path.with_suffix(".cpg").unlink()
+    if cpg is not None:
+        path.with_suffix(".cpg").write_text(cpg)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("encoding", "cpg", "as_they_are", "noted"),
+    [
+        ("UTF-8", "UTF-8", True, 0),
+        ("UTF-8", None, True, 1),
+        ("UTF-8", "", True, 1),
+        ("SHIFT_JIS", "SHIFT_JIS", True, 0),
+        ("SHIFT_JIS", None, False, 0),
+    ],
+)
+def test_texts_of_shapefiles(tmp_path, encoding, cpg, as_they_are, noted):
+    ids = ["東京", "表示", "能登", "h4"]
+    path = shapefile(tmp_path / "h.shp", ids, encoding, cpg)
+    streets = geojson(tmp_path / "lines.geojson", [line(0)], crs=UTM)
+    city, report = read_city(path, ReadOptions(streets=streets))
+    found = [one.id for one in city.objects]
+    assert len(set(found)) == 4
+    assert "h4" in found
+    assert (found == ids) == as_they_are
+    assert all(one.isprintable() for one in found)
+    assert tally(report, "noted", "texts read as UTF-8") == noted
+    assert any(".cpg should" in one for one in report.warnings) == (not as_they_are)

@@ -640,3 +640,9 @@ def test_the_railway_keeps_its_pictures():
     assert (textures >= 0).all()
     heights = [np.ptp(one.mesh.vertices[:, 2]) for one in layer.items]
     assert max(heights) < 7.0
+
+
+def test_a_scene_that_is_not_in_the_file_is_named(tmp_path):
+    path = write_gltf(tmp_path / "x.gltf", more={"scene": 7})
+    with pytest.raises(CityError, match="scene 7 is to be shown, the file has 1"):
+        read_gltf(path, Ledger())

@@ -231,3 +231,20 @@ def test_colours_of_vertices_as_bytes_or_shares(tmp_path, white, grey, noted):
     (one,) = read_obj(path, ledger).items
     assert one.mesh.colors.tolist() == [[255, 255, 255], [51, 51, 51]]
     assert ledger.count("noted", "colours of vertices from 0 to 255 instead of 0 to 1") == noted
+
+
+@pytest.mark.parametrize(
+    ("red", "blue", "found", "noted"),
+    [
+        ("200 40 40", "0 0 255", [[200, 40, 40], [0, 0, 255]], True),
+        ("0.8 0.2 0", "0 0 1", [[204, 51, 0], [0, 0, 255]], False),
+        ("2 1.5 1", "0 0 1", [[255, 255, 255], [0, 0, 255]], False),  # brighter than white
+    ],
+)
+def test_colours_of_materials_as_bytes_or_shares(tmp_path, red, blue, found, noted):
+    """All colours of a file tell: one of 0 and 1 is the same in both."""
+    path = town(tmp_path / "town.obj", [b"a", b"b"], (b"red", b"blue"))
+    (tmp_path / "town.mtl").write_text(f"newmtl red\nKd {red}\nnewmtl blue\nKd {blue}\n")
+    ledger = Ledger()
+    assert colours(read_obj(path, ledger)) == [tuple(one) for one in found]
+    assert ledger.count("noted", "colours of materials from 0 to 255 instead of 0 to 1") == noted
