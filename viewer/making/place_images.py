@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import os
 import time
-from contextlib import suppress
+from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mmi.foundation.camera import Camera
 from mmi.foundation.errors import DatasetError, ParameterError
@@ -22,6 +24,7 @@ from mmi.foundation.progress import Progress, silent
 from viewer.layered.viewpoints import COUNTS
 from viewer.making.hidden_cells import hidden_cells, print_of_occluders
 from viewer.making.models import Model
+from viewer.making.other_options import other_options
 from viewer.making.workers import PicturesJob, PointsJob, crew_of
 from viewer.placed.folder import PlacedFolder, folder_of, placing_folder, read_solutions, write_manifest
 from viewer.placed.solutions import Solutions, print_of, solutions_of
@@ -65,13 +68,15 @@ def place_images(
     pictures: int = 9,
     workers: int = 1,
     frame: FrameBudget | None = None,
+    replacing: bool = False,
     progress: Progress = silent,
 ) -> PlacingSummary:
     """Place images for ``model`` into the folder ``out``, or go on with that.
 
     ``rules`` are for the display of ``camera``; viewers' eyes are at ``heights``, from the lowest to the highest, metres in the
     model's frame, or anywhere around the model. Cells that the city surely hides from all whom a point serves do not count, and
-    are not drawn, if ``hidden`` says so. The manifest says what ``frame`` the budget is from, if it is from one.
+    are not drawn, if ``hidden`` says so. The manifest says what ``frame`` the budget is from, if it is from one. Images that
+    the folder has for other options or another model stay, and are an error, unless ``replacing`` says that these may go.
     ``progress`` is called with (images done, all of them, what was done last), before that with points.
 
     Raises ParameterError, DatasetError.
@@ -94,18 +99,14 @@ def place_images(
         "rules": rules,
         "occluders": print_of_occluders(model.city) if hidden else "",
     }
-    known: Solutions | None = None
-    with placing_folder(out) as path, crew_of(workers, path, model, cells, rules) as crew:
-        with suppress(DatasetError):  # what is missing or damaged is found anew
-            known = read_solutions(path)
-        domain = domain_of(cells)
-        if heights is not None:
-            domain[:, 2] = heights
-        if (
-            known is None
-            or any(getattr(known, name) != value for name, value in told.items())
-            or not np.array_equal(known.grid.domain, domain)
-        ):
+    anywhere = domain_of(cells)
+    domain = anywhere.copy()
+    if heights is not None:
+        domain[:, 2] = heights
+    with placing_folder(out) as path, ExitStack() as stack:
+        known = _known(path, told, domain, anywhere, replacing=replacing)
+        crew = stack.enter_context(crew_of(workers, path, model, cells, rules))
+        if known is None:
             start = time.perf_counter()
             progress(0, 1, "the grid")
             grid = solution_grid(cells, rules, domain)
@@ -148,4 +149,27 @@ def place_images(
         stages=stages,
         peak_memory_bytes=sum(peaks.values()),
         workers=workers,
+    )
+
+
+def _known(
+    path: Path, told: Mapping[str, Any], domain: NDArray[np.float64], anywhere: NDArray[np.float64], *, replacing: bool
+) -> Solutions | None:
+    """The solutions of the folder at ``path`` for what is ``told``, None where it has none, or a damaged file of them.
+
+    Raises ParameterError where it has others, unless they are to be replaced.
+    """
+    try:
+        known = read_solutions(path)
+    except DatasetError:  # what is missing or damaged is found anew
+        return None
+    different = other_options(known, told, domain, anywhere)
+    if not different:
+        return known
+    if replacing:
+        return None
+    theirs, ours = (", ".join(some) for some in zip(*different, strict=True))
+    raise ParameterError(
+        f"{path}: {theirs} expected, which the images there were made with, found {ours}; nothing was changed; with --replace "
+        "they are made anew"
     )

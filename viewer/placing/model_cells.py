@@ -54,8 +54,11 @@ class ModelCells:
 
 
 def cells_for(positions: NDArray[np.floating], triangles: NDArray[np.integer], rules: PlacingRules) -> ModelCells:
-    """The cells that images are placed with by ``rules``, and walked with. Raises what :func:`model_cells` raises."""
-    return model_cells(positions, triangles, depth=rules.depth, most=rules.cell_triangles)
+    """The cells that images are placed with by ``rules``, and walked with. Those of a model that may be drawn whole hold as
+    much as they do. Raises what :func:`model_cells` raises.
+    """
+    whole = len(triangles) <= rules.target
+    return model_cells(positions, triangles, depth=rules.depth, most=len(triangles) if whole else rules.cell_triangles)
 
 
 def model_cells(

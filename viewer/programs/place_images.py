@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from viewer.making.checking import Checked
     from viewer.making.place_images import PlacingSummary
     from viewer.placing.grid_check import GridChecked
-    from viewer.placing.rules import FrameBudget
+    from viewer.placing.rules import FrameBudget, PlacingRules
 
 __all__ = ["place_images"]
 
@@ -83,7 +84,7 @@ def place_images(arguments: Sequence[str] | None = None) -> NoReturn:
         type=int,
         metavar="P",
         help="triangles that are left where an image is chosen: with fewer there are fewer images at a point, and more points "
-        "(default: the budget less 6 %% of the model, or half of the budget)",
+        "(default: the budget less 6 %% of the model, or half of the budget; all of it for a model that is within it)",
     )
     display = parser.add_argument_group("the display")
     display.add_argument(
@@ -143,6 +144,11 @@ def place_images(arguments: Sequence[str] | None = None) -> NoReturn:
         help="when all is there: count the triangles of views in all directions from all points, and of N random views; exit "
         "status 1 where one draws more than the budget",
     )
+    work.add_argument(
+        "--replace",
+        action="store_true",
+        help="images that OUT has for other options, or for another model, may go (default: that is an error)",
+    )
     work.add_argument("--seed", type=int, default=1, metavar="S", help="of these views (default: %(default)s)")
     work.add_argument(
         "--json", action="store_true", help="the result as JSON on standard output, and nothing else there"
@@ -158,8 +164,9 @@ def _place(options: argparse.Namespace) -> None:
     workers = options.workers if options.workers is not None else cores
     for name, value, least, most in (
         ("workers", workers, 1, max(_MOST_WORKERS, cores)),
-        ("budget", triangles, 2, 1 << 40),
+        ("budget" if frame is None else "budget-ms, --costs: triangles", triangles, 2, 1 << 40),
         ("check", 1 if options.check is None else options.check, 1, 10**9),
+        ("seed", options.seed, 0, 1 << 63),
         ("optimize", 1 if options.optimize is None else options.optimize, 1, triangles),
     ):
         if not least <= value <= most:
@@ -171,6 +178,7 @@ def _place(options: argparse.Namespace) -> None:
         camera = Camera(width, height, math.radians(options.fov))
     except ParameterError as error:
         raise ParameterError(f"--display, --fov: {error}") from None
+    rules = _rules(options, triangles, camera)
     is_dataset = (options.source / "manifest.json").exists()
     if is_dataset:
         refuse_reading_arguments(
@@ -184,28 +192,17 @@ def _place(options: argparse.Namespace) -> None:
     from viewer.making.checking import check_directions, check_views
     from viewer.making.models import read_model
     from viewer.making.place_images import place_images as place
-    from viewer.placing.rules import PlacingRules, fov_of
 
     longest = None if options.objects == "blocks" else BuildParameters().longest_object
     talk = Console(stderr=options.json, quiet=options.quiet, highlight=False, markup=False, emoji=False)
     with ProgressBar("steps of reading", quiet=options.quiet) as advance:
         model = read_model(options.source, reading, longest_object=longest, progress=advance)
-    target = options.optimize
-    if target is None:
-        target = max(triangles - round(0.06 * len(model.mesh.triangles)), triangles // 2)
-    cost, benefit, small, far = options.weights
-    rules = PlacingRules(
-        triangles,
-        target,
-        fov_of(camera),
-        depth=options.depth,
-        pitch=math.radians(options.pitch),
-        cost=cost,
-        benefit=benefit,
-        small=small,
-        far=far,
-    )
-    with ProgressBar("images", quiet=options.quiet) as advance:
+    if options.optimize is None:
+        count = len(model.mesh.triangles)
+        rules = replace(
+            rules, target=triangles if count <= triangles else max(triangles - round(0.06 * count), triangles // 2)
+        )
+    with _words_of_options(), ProgressBar("images", quiet=options.quiet) as advance:
         summary = place(
             model,
             options.output,
@@ -216,6 +213,7 @@ def _place(options: argparse.Namespace) -> None:
             pictures=options.pictures,
             workers=workers,
             frame=frame,
+            replacing=options.replace,
             progress=advance,
         )
     with suppress(SystemExit):  # rich leaves when nobody reads its output any more (| head)
@@ -234,6 +232,49 @@ def _place(options: argparse.Namespace) -> None:
         print(json.dumps(_as_dict(summary, checked), indent=1))
     if checked is not None and not all(one.kept for one in checked):
         raise SystemExit(1)
+
+
+_OPTIONS = (
+    ("target: ", "--optimize: "),
+    ("depth: ", "--octree-depth: "),
+    ("pitch: ", "--pitch: "),
+    ("across: ", "--fov: "),
+    ("up: ", "--display, --fov: "),
+    ("a view, ", "--fov, --pitch: a view, "),
+)
+"""How errors begin that rules and the grid raise, and how these begin for who has said options."""
+
+
+@contextmanager
+def _words_of_options() -> Iterator[None]:
+    """Errors of rules, for the block, begin with the option that they are about."""
+    try:
+        yield
+    except ParameterError as error:
+        text = str(error)
+        for begin, option in _OPTIONS:
+            if text.startswith(begin):
+                raise ParameterError(option + text.removeprefix(begin)) from None
+        raise
+
+
+def _rules(options: argparse.Namespace, triangles: int, camera: Camera) -> PlacingRules:
+    """What options say; without one of what is left, all of the budget."""
+    from viewer.placing.rules import PlacingRules, fov_of
+
+    cost, benefit, small, far = options.weights
+    with _words_of_options():
+        return PlacingRules(
+            triangles,
+            triangles if options.optimize is None else options.optimize,
+            fov_of(camera),
+            depth=options.depth,
+            pitch=math.radians(options.pitch),
+            cost=cost,
+            benefit=benefit,
+            small=small,
+            far=far,
+        )
 
 
 def _costs(text: str) -> list[float]:
@@ -269,12 +310,14 @@ def _heights(text: str) -> tuple[float, float]:
 
 
 def _print_summary(talk: Console, summary: PlacingSummary, out: Path) -> None:
-    share = summary.largest_count / summary.folder.solutions.rules.budget
+    budget = summary.folder.solutions.rules.budget
+    share = summary.largest_count / budget
     spent = ", ".join(f"{stage} {seconds:.0f} s" for stage, seconds in summary.stages.items())
     mean = summary.bytes / max(summary.images, 1)
+    needless = ", as the whole model is within the budget" if summary.triangles <= budget and not summary.images else ""
     talk.print(
         f"\n{summary.triangles:,} triangles in {summary.cells:,} cells; {summary.points:,} points with {summary.images:,} "
-        f"images ({summary.made:,} made now), {summary.bytes / 1e6:.1f} MB, {mean / 1e3:.0f} kB each\n"
+        f"images ({summary.made:,} made now), {summary.bytes / 1e6:.1f} MB, {mean / 1e3:.0f} kB each{needless}\n"
         f"no view draws more than {summary.largest_count:,} triangles ({100 * share:.1f} % of the budget)\n"
         f"{spent}; {summary.workers} workers, {summary.peak_memory_bytes / 1e6:.0f} MB of memory\n{out / 'manifest.json'}",
         soft_wrap=True,

@@ -87,7 +87,7 @@ class PlacedImages:
             )
         placing = solutions.rules
         self._cells: ModelCells = scene.workshop.once(
-            ("cells", placing.depth, placing.cell_triangles),
+            ("cells", placing.depth, placing.target),
             lambda: cells_for(scene.mesh.positions, scene.mesh.triangles, placing),
         )
         last = max((int(one.placement.cells[-1]) for one in solutions.images if len(one.placement.cells)), default=-1)

@@ -1,5 +1,7 @@
 """Folders of placed images: the same bytes by one process or two, and after having been stopped; and what is refused."""
 
+from dataclasses import replace
+
 import pytest
 from placed_models import RULES, model_of, placed, towers
 
@@ -73,12 +75,42 @@ def test_a_damaged_image_is_told_and_made_again(model, tmp_path):
     assert open_placed(tmp_path / "one").image(2).view.window == folder.solutions.view(2).window
 
 
-def test_other_rules_replace_what_is_there(model, tmp_path):
+def test_other_rules_replace_what_is_there_where_that_is_said(model, summary, tmp_path):
     placed(model, tmp_path / "one")
-    fewer = placed(model, tmp_path / "one", pictures=1)
+    said = "--pictures 5 expected, which the images there were made with, found --pictures 1; nothing was changed"
+    with pytest.raises(ParameterError, match=said):
+        placed(model, tmp_path / "one", pictures=1)
+    assert files(tmp_path / "one") == files(summary.folder.path)
+    fewer = placed(model, tmp_path / "one", pictures=1, replacing=True)
     assert fewer.made == fewer.images
     assert len(list((tmp_path / "one" / "images").iterdir())) == fewer.images
     assert open_placed(tmp_path / "one").solutions.pictures == 1
+
+
+def test_what_was_stopped_is_not_replaced_unasked_either(model, tmp_path):
+    """Its points took as long as those of a finished folder."""
+
+    def stop(_done, _total, name):
+        if name == "image 3":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        placed(model, tmp_path / "one", progress=stop)
+    before = files(tmp_path / "one")
+    with pytest.raises(
+        ParameterError, match=r"no --heights expected, .* found --heights 1\.5,1\.9; nothing was changed"
+    ):
+        placed(model, tmp_path / "one", heights=(1.5, 1.9))
+    assert files(tmp_path / "one") == before
+    again = placed(model, tmp_path / "one")
+    assert again.made == again.images - 4
+
+
+def test_the_name_of_the_models_file_makes_no_difference(model, summary, tmp_path):
+    placed(model, tmp_path / "one")
+    moved = replace(model, city=replace(model.city, source="renamed.glb"))
+    assert placed(moved, tmp_path / "one").made == 0
+    assert files(tmp_path / "one") == files(summary.folder.path)
 
 
 def test_a_folder_stopped_on_its_way_to_other_rules_is_not_finished(model, tmp_path):
@@ -90,7 +122,7 @@ def test_a_folder_stopped_on_its_way_to_other_rules_is_not_finished(model, tmp_p
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        placed(model, tmp_path / "one", pictures=1, progress=stop)
+        placed(model, tmp_path / "one", pictures=1, replacing=True, progress=stop)
     with pytest.raises(DatasetError, match="not finished: run the same command again"):
         open_placed(tmp_path / "one")
     again = placed(model, tmp_path / "one", pictures=1)

@@ -8,7 +8,7 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
-from placed_models import towers
+from placed_models import blocks, towers
 
 import viewer
 from citygen.cli import citygen
@@ -67,6 +67,61 @@ def test_what_is_hidden_is_said_in_the_manifest(model, folder, tmp_path):
     assert told["hidden"] and not before["hidden"]
 
 
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        (("--budget", "2100"), "--budget 2000 expected, which the images there were made with, found --budget 2100;"),
+        (
+            ("--optimize", "1300"),
+            "--optimize 1400 expected, which the images there were made with, found --optimize 1300;",
+        ),
+        (
+            ("--display", "90x72"),
+            "--display 96x72 expected, which the images there were made with, found --display 90x72;",
+        ),
+        (("--fov", "61"), "--fov 60 expected, which the images there were made with, found --fov 61;"),
+        (("--pitch", "5"), "--pitch 0 expected, which the images there were made with, found --pitch 5;"),
+        (
+            ("--octree-depth", "5"),
+            "--octree-depth 4 expected, which the images there were made with, found --octree-depth 5;",
+        ),
+        (
+            ("--weights", "0.4,0.6,0.2,0.8"),
+            "--weights 0.4,0.6,0.1,0.9 expected, which the images there were made with, found ",
+        ),
+        (
+            ("--hidden", "--pictures", "9"),
+            "--pictures 5, no --hidden expected, which the images there were made with, found ",
+        ),
+    ],
+)
+def test_an_option_that_is_forgotten_is_told_and_nothing_is_replaced(model, folder, capsys, other, said):
+    before = {one: one.stat().st_mtime_ns for one in (folder / "images").iterdir()}
+    assert run(place_images, model, "-o", folder, *OPTIONS, *other, "--workers", "1", "--quiet") == 2
+    line = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said in line and line.endswith("; nothing was changed; with --replace they are made anew")
+    assert {one: one.stat().st_mtime_ns for one in (folder / "images").iterdir()} == before
+    assert (folder / "manifest.json").exists()
+
+
+def test_a_folder_of_another_model_is_kept(folder, tmp_path, capsys):
+    (tmp_path / "others.glb").write_bytes(city_glb(blocks())[0])
+    assert run(place_images, tmp_path / "others.glb", "-o", folder, *OPTIONS, "--workers", "1", "--quiet") == 2
+    said = "towers.glb, read as it was then expected, which the images there were made with, found others.glb, or other tri"
+    assert said in capsys.readouterr().err
+
+
+def test_a_model_within_the_budget_needs_no_images_whatever_lies_on_top_of_each_other(tmp_path, capsys):
+    """Both triangles of a cube's side have the same bounds, and no division parts them."""
+    corners = "".join(f"v {n & 1} {n >> 1 & 1} {n >> 2}\n" for n in range(8))
+    sides = "f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n"
+    (tmp_path / "small.obj").write_text(corners + sides)
+    options = ("--display", "96x72", "--workers", "1", "--check", "50")
+    assert run(place_images, tmp_path / "small.obj", "-o", tmp_path / "out", "--budget", "12", *options) == 0
+    assert "0 images (0 made now)" in (said := capsys.readouterr().out)
+    assert "as the whole model is within the budget" in said and "of 12 triangles in 50 views" in said
+
+
 def test_milliseconds_are_triangles_and_stand_in_the_manifest(model, folder, tmp_path):
     same = tmp_path / "out"
     shutil.copytree(folder, same)
@@ -121,6 +176,11 @@ def test_an_image_that_serves_no_direction_is_exit_status_1(model, folder, tmp_p
         (("--budget-ms", "5", "--costs", "2,30,8"), "--budget-ms, --costs: ms: more than 10, as a frame with"),
         (("--budget", "50", "--workers", "0"), "--workers: 1 to "),
         (("--budget", "50", "--pitch", "90"), "--pitch: 0 to 90 degrees expected"),
+        (("--budget", "50", "--octree-depth", "11"), "--octree-depth: a number from 1 to 10 expected, found 11"),
+        (("--budget", "50", "--pitch", "80"), "--pitch: views that stay below 87 degrees expected, found up to"),
+        (("--budget", "50", "--fov", "10"), "--fov: the tangent of half an angle of view, from 0.2 to 20, expected"),
+        (("--budget", "50", "--seed", "-1"), "--seed: 0 to "),
+        (("--budget-ms", "1e6", "--costs", "0,0.001,1"), "--budget-ms, --costs: triangles: 2 to "),
         (("--budget", "50", "--fov", "200"), "--display, --fov: "),
         (("--budget", "50", "--weights", "1,2"), "four numbers from 0 to 1"),
         (("--budget", "50", "--heights", "2,1"), "two heights, the lower first"),
