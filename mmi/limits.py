@@ -72,15 +72,15 @@ OUTLINE_POINTS = 500_000
 CROSSINGS_A_POINT, CROSSINGS = 10, 50_000
 """How often the edges of an outline cross, for each of its points and in all: mending takes 50 microseconds for each."""
 CROSSINGS_IN_ALL = 1_000_000
-"""How often edges of all outlines of a file cross, where they are mended: a metropolis has a hundredth of it."""
+"""How often edges of all outlines of a file cross, where they are mended."""
 EDGES_COMPARED = 10_000_000
 """Pairs of edges of an outline whose boxes overlap: to look at them takes two seconds, and geometry as long again."""
 EDGES_COMPARED_IN_ALL = 300_000_000
-"""Likewise of all outlines that are invalid or have more than a thousand points: a minute."""
+"""Likewise of all outlines that are invalid or have more than a thousand points: about a minute, by the time that one takes."""
 STREET_CROSSINGS = 100_000
 """How often streets without common nodes cross, or once for each of their edges: to join them takes 0.4 ms for each."""
 STREET_EDGES_COMPARED = 50_000_000
-"""Pairs of edges of such streets whose boxes overlap, or a hundred for each edge: to look at them takes ten seconds."""
+"""Pairs of edges of such streets whose boxes overlap, or a hundred for each edge: about ten seconds."""
 STREET_REACH = 1e6
 """Metres from the origin that streets reach: who reaches further has damaged coordinates."""
 EXTENT = 100_000.0

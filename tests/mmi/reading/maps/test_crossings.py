@@ -123,7 +123,7 @@ def test_streets_side_by_side_are_too_many_to_be_compared(monkeypatch):
 
 
 def test_a_map_of_lanes_at_random_is_refused_in_one_line(tmp_path):
-    """Twelve hundred lanes cross about 150,000 times; to join them would take a minute, and 3,000 of them six."""
+    """Twelve hundred lanes cross about 150,000 times; to join them would take about a minute."""
     ends = np.random.default_rng(4).uniform(-400.0, 400.0, (1200, 2, 2))
     streets = geojson(
         tmp_path / "lanes.geojson", [(degrees(LineString(one)), {"highway": "residential"}) for one in ends]
