@@ -251,12 +251,13 @@ def _outline(flat: NDArray[np.object_], corners: NDArray[np.float64]) -> list[Po
     filled = np.abs(doubled) > 5.0 * _GRID * np.sqrt((sides**2).sum(axis=2).max(axis=1))
     up = filled & (doubled > 0.0)
     shape = _united(flat[up])
-    below = flat[filled & ~up]  # of a closed mesh, under what looks up
-    below = below[~_covered(shape, below)]
+    flat = np.where(filled, flat, shapely.linestrings(corners[:, [0, 1, 2], :2]))
+    covered = _covered(shape, flat)
+    below = flat[filled & ~up & ~covered]  # none of a closed mesh, whose tops lie over it
     if len(below):
         shape = _united(np.append(below, shape))
-    flat = np.where(filled, flat, shapely.linestrings(corners[:, [0, 1, 2], :2]))
-    rest = flat[~_covered(shape, flat)]  # walls that bound nothing, and needles, whose tips were lost
+        covered = _covered(shape, flat)
+    rest = flat[~covered]  # walls that bound nothing, and needles, whose tips were lost
     if len(rest):
         shape = _united(np.append(shapely.buffer(rest, _THIN, cap_style="square", quad_segs=1), shape))
     if shapely.get_num_coordinates(shape) > _ROUGH:
